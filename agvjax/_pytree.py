@@ -1,0 +1,49 @@
+"""The dataclass every object of the package is made with: frozen, a JAX pytree, its numbers documented in place."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, dataclass_transform
+
+import jax
+import numpy as np
+
+T = TypeVar("T")
+
+
+class Rule(NamedTuple):
+    """What a number must satisfy: the words for a person and the test, elementwise on a NumPy array."""
+
+    text: str
+    holds: Callable[[np.ndarray], Any]
+
+
+POSITIVE = Rule("> 0", lambda x: x > 0)
+NONNEGATIVE = Rule(">= 0", lambda x: x >= 0)
+ANY = Rule("finite", lambda x: np.isfinite(x))
+
+
+def number(default: Any, unit: str = "1", rule: Rule = ANY, source: str = "", shape: tuple[int | None, ...] = ()) -> Any:
+    """A traced leaf: its default, unit, rule and source; `shape` names the array it may be besides a scalar.
+
+    A `None` in `shape` stands for any length. An array default is copied for each object.
+    """
+    metadata = {"unit": unit, "rule": rule, "source": source, "shape": shape}
+    if isinstance(default, (list, tuple)):
+        return dataclasses.field(default_factory=lambda: np.array(default, float), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def structure(default: Any) -> Any:
+    """A static field: a choice of form or a count, part of the tree's structure and never traced."""
+    return dataclasses.field(default=default, metadata={"static": True})
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(dataclasses.field, number, structure))
+def pytree(cls: type[T]) -> type[T]:
+    """Make a class a frozen keyword-only dataclass that JAX treats as a tree of its fields.
+
+    Nothing is validated or cast on construction: JAX rebuilds these objects around tracers. See `agvjax.check`.
+    """
+    return jax.tree_util.register_dataclass(dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(cls))  # pyright: ignore

@@ -1,0 +1,82 @@
+"""Lumped disturbances delta_x, delta_y, delta_psi, eq. (10) and section 4.
+
+A disturbance is anything with `__call__(t) -> (3,)` in m/s^2, m/s^2, rad/s. Those below also split into a time-only
+`shape(t)`, which the rollout tabulates outside its loop, and `scale(shape)`, which it applies inside, so that a batch
+of amplitudes costs one multiplication.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._pytree import ANY, NONNEGATIVE, number, pytree
+
+UNIT = "m/s^2, m/s^2, rad/s"
+
+
+@pytree
+class NoDisturbance:
+    """Nothing pushes."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Zeros, shape (3,)."""
+        return jnp.zeros(3, t.dtype)
+
+
+class _Scaled:
+    """`__call__` for a disturbance that splits into `shape` and `scale`."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Disturbance at time `t` [s] in the x, y and heading channels, shape (3,)."""
+        return self.scale(self.shape(t))  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytree
+class Cosine(_Scaled):
+    """Section 4: amplitude * cos(omega t + phase)."""
+
+    amplitude: float = number(0.2, UNIT, ANY, "sec. 4", shape=(3,))
+    omega: float = number(0.5, "rad/s", NONNEGATIVE, "sec. 4", shape=(3,))
+    phase: float = number(0.0, "rad", ANY, shape=(3,))
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, "*n"]:
+        """cos(omega t + phase)."""
+        return jnp.cos(self.omega * t + self.phase)
+
+    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
+        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
+        return jnp.broadcast_to(self.amplitude * shape, (3,))
+
+
+@pytree
+class Step(_Scaled):
+    """0 before `time`, the amplitude from then on."""
+
+    amplitude: float = number(0.2, UNIT, ANY, shape=(3,))
+    time: float = number(4.0, "s", ANY)
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """0 or 1."""
+        return jnp.where(t >= self.time, jnp.ones_like(t), 0.0)
+
+    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
+        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
+        return jnp.broadcast_to(self.amplitude * shape, (3,))
+
+
+@pytree
+class CosineSum(_Scaled):
+    """A sum of M cosines, the same in all three channels."""
+
+    amplitudes: Float[Array, " M"] = number((0.1, 0.1), UNIT, ANY, shape=(None,))
+    omegas: Float[Array, " M"] = number((0.5, 2.0), "rad/s", NONNEGATIVE, shape=(None,))
+    phases: Float[Array, " M"] = number((0.0, 0.0), "rad", ANY, shape=(None,))
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, " M"]:
+        """cos(omegas t + phases), shape (M,)."""
+        return jnp.cos(self.omegas * t + self.phases)
+
+    def scale(self, shape: Float[Array, " M"]) -> Float[Array, "3"]:
+        """The sum over the cosines, shape (3,)."""
+        return jnp.broadcast_to(jnp.sum(self.amplitudes * shape), (3,))

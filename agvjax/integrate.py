@@ -1,0 +1,62 @@
+"""Explicit Runge-Kutta steps on any tree of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+
+Derivative = Callable[[Any, Any], tuple[Any, Any]]
+
+
+class Integrator(NamedTuple):
+    """One explicit method: the instants it looks at, as fractions of the step, and the step itself.
+
+    `advance(f, x, h, signals)` returns x at the end of the step and what `f` saw at its start; `f(x, signal)` returns the
+    derivative and what it sees, `signals` has one entry per node.
+    """
+
+    name: str
+    order: int
+    nodes: tuple[float, ...]
+    advance: Callable[[Derivative, Any, Any, Any], tuple[Any, Any]]
+
+    def amplification(self, z: complex) -> float:
+        """|R(z)|, the factor by which one step scales a mode with eigenvalue z / h; stable up to 1."""
+        term, total = 1.0 + 0j, 1.0 + 0j
+        for k in range(1, self.order + 1):  # true for these methods: as many stages as their order
+            term *= z / k
+            total += term
+        return float(np.abs(total))
+
+
+def _add(x: Any, h: Any, rate: Any) -> Any:
+    return jax.tree.map(lambda a, b: a + h * b, x, rate)
+
+
+def _euler(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+    k1, seen = f(x, signals[0])
+    return _add(x, h, k1), seen
+
+
+def _heun(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+    k1, seen = f(x, signals[0])
+    k2, _ = f(_add(x, h, k1), signals[1])
+    return _add(x, h / 2, jax.tree.map(lambda a, b: a + b, k1, k2)), seen
+
+
+def _rk4(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+    start, middle, end = signals
+    k1, seen = f(x, start)
+    k2, _ = f(_add(x, h / 2, k1), middle)
+    k3, _ = f(_add(x, h / 2, k2), middle)
+    k4, _ = f(_add(x, h, k3), end)
+    return _add(x, h / 6, jax.tree.map(lambda a, b, c, d: a + 2 * (b + c) + d, k1, k2, k3, k4)), seen
+
+
+EULER = Integrator("euler", 1, (0.0,), _euler)
+HEUN = Integrator("heun", 2, (0.0, 1.0), _heun)
+RK4 = Integrator("rk4", 4, (0.0, 0.5, 1.0), _rk4)

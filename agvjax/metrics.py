@@ -1,0 +1,200 @@
+"""What a run is judged by, accumulated sample by sample, so that it needs no trajectory and no memory.
+
+e = (x_n - x_d, y_n - y_d, wrap(psi - psi_d)); u = (u_x, u_y, omega_bar), before the actuators. Integrals are by the
+trapezoid over all samples.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from . import loop
+from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
+from .angle import wrap
+
+
+@pytree
+class Metrics:
+    """One number for each channel x, y, heading; a batch adds leading axes. A latched run has infinite metrics."""
+
+    rmse: Float[Array, "3"]  # m, m, rad
+    rmse_late: Float[Array, "3"]  # the same after `Criteria.late`; NaN where the run is shorter
+    iae: Float[Array, "3"]  # integral of |e|
+    ise: Float[Array, "3"]  # integral of e^2
+    itae: Float[Array, "3"]  # integral of t |e|
+    overshoot: Float[Array, "3"]  # furthest beyond zero from where the error started, m, m, rad
+    settling_time: Float[Array, "3"]  # s, last time outside the band; infinite where not settled
+    settled: Bool[Array, "3"]  # False: outside the band within `Criteria.margin` of the end
+    rms_command: Float[Array, "3"]  # m/s^2, m/s^2, rad/s
+    peak_command: Float[Array, "3"]  # largest |u|
+    chatter: Float[Array, "3"]  # total variation of u
+    ok: Bool[Array, ""]  # False: diverged and latched
+
+    @property
+    def total_rmse(self) -> Float[Array, ""]:
+        """sqrt(mean of e_x^2 + e_y^2 + e_psi^2), the error of the default tuning problem."""
+        return safe_sqrt(jnp.sum(self.rmse**2, axis=-1))
+
+    @property
+    def effort(self) -> Float[Array, ""]:
+        """sqrt(mean of u_x^2 + u_y^2 + omega_bar^2)."""
+        return safe_sqrt(jnp.sum(self.rms_command**2, axis=-1))
+
+    @property
+    def peak_position(self) -> Float[Array, ""]:
+        """Largest |u_x| or |u_y| [m/s^2]."""
+        return jnp.max(self.peak_command[..., :2], axis=-1)
+
+    @property
+    def peak_heading(self) -> Float[Array, ""]:
+        """Largest |omega_bar| [rad/s]."""
+        return self.peak_command[..., 2]
+
+    @property
+    def total_chatter(self) -> Float[Array, ""]:
+        """Sum of the total variations of the three commands."""
+        return jnp.sum(self.chatter, axis=-1)
+
+
+@pytree
+class Tally:
+    """Running sums and extremes of one run."""
+
+    first_error: Float[Array, "3"]
+    last_command: Float[Array, "3"]
+    squared: Float[Array, "3"]
+    squared_late: Float[Array, "3"]
+    absolute: Float[Array, "3"]
+    absolute_timed: Float[Array, "3"]
+    beyond: Float[Array, "3"]
+    last_outside: Float[Array, "3"]
+    command_squared: Float[Array, "3"]
+    peak: Float[Array, "3"]
+    chatter: Float[Array, "3"]
+
+
+@pytree
+class Criteria:
+    """How to judge: the settling band, and from when on the late error counts."""
+
+    band: float = number(0.05, "m, m, rad; or a fraction of the first error where relative", POSITIVE, "reading R10")
+    relative: bool = structure(False)
+    late: float = number(4.0, "s", NONNEGATIVE, "SPEC: RMSE after 4 s")
+    margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
+
+    def weights(self, t: Float[Array, ""], dt: Float[Array, ""], end: Float[Array, ""]) -> tuple[Any, Any]:
+        """Trapezoid weights of the sample at `t`, over the run and after `late`, for a run on the grid up to `end`."""
+        return _trapezoid(t, dt, 0.0, end), _trapezoid(t, dt, self.late, end)
+
+    def start(self, sample: loop.Sample) -> Tally:
+        """The tally before the first sample."""
+        error, zero = tracking_error(sample), jnp.zeros(3, sample.command.dtype)
+        return Tally(
+            first_error=error,
+            last_command=sample.command,
+            squared=zero,
+            squared_late=zero,
+            absolute=zero,
+            absolute_timed=zero,
+            beyond=zero,
+            last_outside=zero,
+            command_squared=zero,
+            peak=zero,
+            chatter=zero,
+        )
+
+    def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Any, Any]) -> Tally:
+        """The tally with one more sample and its `weights`."""
+        whole, late = weights
+        e, u = tracking_error(sample), sample.command
+        band = self.band * jnp.abs(tally.first_error) if self.relative else self.band
+        size, e2 = jnp.abs(e), e * e
+        return Tally(
+            first_error=tally.first_error,
+            last_command=u,
+            squared=tally.squared + whole * e2,
+            squared_late=tally.squared_late + late * e2,
+            absolute=tally.absolute + whole * size,
+            absolute_timed=tally.absolute_timed + whole * sample.time * size,
+            beyond=jnp.maximum(tally.beyond, -jnp.sign(tally.first_error) * e),
+            last_outside=jnp.where(size > band, sample.time, tally.last_outside),
+            command_squared=tally.command_squared + whole * u * u,
+            peak=jnp.maximum(tally.peak, jnp.abs(u)),
+            chatter=tally.chatter + jnp.abs(u - tally.last_command),
+        )
+
+    def finish(self, tally: Tally, ok: Bool[Array, ""], horizon: Float[Array, ""]) -> Metrics:
+        """The metrics of a run of `horizon` seconds."""
+
+        def judged(value: Any) -> Any:
+            return jnp.where(ok, value, jnp.inf)
+
+        def mean_root(integral: Any, time: Any) -> Any:
+            return judged(safe_sqrt(integral / time))
+
+        late_time = horizon - self.late
+        late = mean_root(tally.squared_late, jnp.where(late_time > 0, late_time, 1.0))
+        settled = ok & (tally.last_outside < horizon - self.margin)
+        return Metrics(
+            rmse=mean_root(tally.squared, horizon),
+            rmse_late=jnp.where(late_time > 0, late, jnp.nan),
+            iae=judged(tally.absolute),
+            ise=judged(tally.squared),
+            itae=judged(tally.absolute_timed),
+            overshoot=judged(tally.beyond),
+            settling_time=jnp.where(settled, tally.last_outside, jnp.inf),
+            settled=settled,
+            rms_command=mean_root(tally.command_squared, horizon),
+            peak_command=judged(tally.peak),
+            chatter=judged(tally.chatter),
+            ok=ok,
+        )
+
+
+def _trapezoid(t: Float[Array, ""], dt: Float[Array, ""], begin: Any, end: Any) -> Float[Array, ""]:
+    """Weight of the sample at `t` in an integral from `begin` to `end`: half a step at either end."""
+    return dt * jnp.clip((t - begin) / dt + 0.5, 0, 1) * jnp.clip((end - t) / dt + 0.5, 0, 1)
+
+
+def tracking_error(sample: Any) -> Float[Array, "3"]:
+    """e_x [m], e_y [m], e_psi [rad, wrapped] of a sample or, with leading axes, of a trajectory."""
+    position = sample.position - sample.reference_position
+    heading = wrap(sample.heading - sample.reference_heading)
+    return jnp.concatenate([position, heading[..., None]], axis=-1)
+
+
+def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Square root whose derivative at 0 is 0 and not infinite."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+
+
+def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
+    """Metrics of one trajectory, from its samples (equally spaced).
+
+    Raises:
+        ValueError: the trajectory has a batch axis; use `jax.vmap(measure)`.
+    """
+    if trajectory.t.ndim != 1:
+        raise ValueError(f"measure takes one trajectory, t of shape (N+1,); got {trajectory.t.shape}: use jax.vmap(measure)")
+    criteria = Criteria() if criteria is None else criteria
+    dt, end = trajectory.t[1] - trajectory.t[0], trajectory.t[-1]
+    weights = criteria.weights(trajectory.t, dt, end)
+    samples = loop.Sample(
+        time=trajectory.t,
+        position=trajectory.position,
+        velocity=trajectory.velocity,
+        heading=trajectory.heading,
+        reference_position=trajectory.reference_position,
+        reference_heading=trajectory.reference_heading,
+        command=trajectory.command,
+        delivered=trajectory.delivered,
+        controller=(),
+    )
+    tally = criteria.start(jax.tree.map(lambda x: x[0], samples))
+    tally, _ = jax.lax.scan(lambda m, row: (criteria.update(m, *row), None), tally, (samples, weights))
+    return criteria.finish(tally, trajectory.ok, end)

@@ -1,0 +1,164 @@
+"""Laws are written with short vectors; compilers want scalars. This rewrites the one into the other.
+
+A step of the closed loop works on arrays of shape (2,), (3,) or (5,). Batched over scenarios they become (B, 2), (B, 5):
+the compiler then makes dozens of small kernels of different shapes out of one step. Rewritten so that every number is
+an array of its own, all of them have the shape (B,) and the step becomes one kernel. The arithmetic is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend import core
+
+ELEMENTWISE = frozenset(
+    "abs add add_any and atan2 ceil clamp convert_element_type copy cos cosh div eq exp exp2 expm1 floor ge gt "
+    "integer_pow is_finite le log log1p logistic lt max min mul ne neg not or pow rem round rsqrt select_n sign sin "
+    "sinh sqrt square stop_gradient sub tan tanh xor".split()
+)
+CALLS = frozenset({"pjit", "jit", "closed_call", "core_call"})
+Numbers = np.ndarray  # of dtype object: one scalar tracer in each place
+
+
+def split(x: Any) -> Numbers:
+    """An array as an object array of its scalars."""
+    shape = np.shape(x)
+    out = np.empty(shape, object)
+    for i in np.ndindex(shape):
+        out[i] = x[i] if shape else x
+    return out
+
+
+def join(x: Numbers) -> Any:
+    """The array again."""
+    return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
+
+
+def _each(function: Callable[..., Any], inputs: Sequence[Numbers]) -> Numbers:
+    arrays = np.broadcast_arrays(*inputs)
+    out = np.empty(arrays[0].shape, object)
+    for i in np.ndindex(out.shape):
+        out[i] = function(*(a[i] for a in arrays))
+    return out
+
+
+def _reduce(bind: Callable[[Any, Any], Any]) -> Callable[..., Numbers]:
+    def reduce(x: Numbers, *, axes: tuple[int, ...], **_: Any) -> Numbers:
+        kept = [i for i in range(x.ndim) if i not in axes]
+        x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
+        out = np.empty(x.shape[:-1], object)
+        for i in np.ndindex(out.shape):
+            total = x[i][0]
+            for term in x[i][1:]:
+                total = bind(total, term)
+            out[i] = total
+        return out
+
+    return reduce
+
+
+def _broadcast(x: Numbers, *, shape: Any, broadcast_dimensions: Any, **_: Any) -> Numbers:
+    into = [1] * len(shape)
+    for axis, size in zip(broadcast_dimensions, x.shape, strict=True):
+        into[axis] = size
+    return np.broadcast_to(x.reshape(into), shape)
+
+
+def _slice(x: Numbers, *, start_indices: Any, limit_indices: Any, strides: Any, **_: Any) -> Numbers:
+    strides = strides or (1,) * x.ndim
+    return x[tuple(slice(*s) for s in zip(start_indices, limit_indices, strides, strict=True))]
+
+
+STRUCTURAL: dict[str, Callable[..., Numbers]] = {
+    "broadcast_in_dim": _broadcast,
+    "concatenate": lambda *x, dimension, **_: np.concatenate(x, axis=dimension),
+    "expand_dims": lambda x, *, dimensions, **_: np.expand_dims(x, dimensions),
+    "reshape": lambda x, *, new_sizes, **_: x.reshape(new_sizes),
+    "reduce_max": _reduce(jax.lax.max),
+    "reduce_min": _reduce(jax.lax.min),
+    "reduce_sum": _reduce(jax.lax.add),
+    "rev": lambda x, *, dimensions, **_: np.flip(x, dimensions),
+    "slice": _slice,
+    "squeeze": lambda x, *, dimensions, **_: np.squeeze(x, dimensions),
+    "stack": lambda *x, axis, **_: np.stack(x, axis),
+    "transpose": lambda x, *, permutation, **_: np.transpose(x, permutation),
+}
+
+
+def _apply(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
+    name, params = equation.primitive.name, equation.params
+    if name in ELEMENTWISE:
+        return [_each(lambda *x: equation.primitive.bind(*x, **params), inputs)]
+    if name in STRUCTURAL and len(equation.invars) == len(inputs):
+        return [STRUCTURAL[name](*inputs, **params)]
+    if name in CALLS:
+        inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
+        return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs)
+
+    return [split(x) for x in _whole(equation)(*(join(x) for x in inputs))]
+
+
+def _whole(equation: Any) -> Callable[..., list[Any]]:
+    """Any other equation as it stands, on whole arrays: a jaxpr of its own keeps custom derivatives."""
+    inputs = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
+    alone = core.Jaxpr([], inputs, equation.outvars, [equation.replace(invars=inputs)], equation.effects)
+    return core.jaxpr_as_fun(core.ClosedJaxpr(alone, []))
+
+
+def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers]) -> list[Numbers]:
+    known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *inputs], strict=True))
+
+    def read(atom: Any) -> Numbers:
+        return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
+
+    for equation in jaxpr.eqns:
+        known |= zip(equation.outvars, _apply(equation, [read(v) for v in equation.invars]), strict=True)
+    return [read(v) for v in jaxpr.outvars]
+
+
+def split_tree(tree: Any) -> Any:
+    """A tree of arrays as a tree of lists of scalars."""
+    return jax.tree.map(lambda x: list(split(x).ravel()), tree)
+
+
+def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[..., Any], Any, Any]:
+    """`function` on trees of arrays, rewritten for trees of scalars as `split_tree` makes them.
+
+    Args:
+        function: takes and returns trees of arrays.
+        example: arguments of the right shapes; constants the function closes over are split here, once.
+
+    Returns:
+        The rewritten function, and `pack`, which turns its result back into the tree of arrays.
+    """
+    closed, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
+    consts = [split(c) for c in closed.consts]
+    places = [np.shape(x) for x in jax.tree.leaves(example)]
+    treedef = jax.tree.structure(shapes)
+
+    def rewritten(*numbers: Any) -> Any:
+        flat = jax.tree.leaves(numbers)
+        inputs, at = [], 0
+        for shape in places:
+            n = int(np.prod(shape))
+            part = np.empty(n, object)
+            for i in range(n):  # one by one: NumPy would try to look into the tracers
+                part[i] = flat[at + i]
+            inputs.append(part.reshape(shape))
+            at += n
+        out = _interpret(closed.jaxpr, consts, inputs)
+        return jax.tree.unflatten(treedef, [list(x.ravel()) for x in out])
+
+    def pack(numbers: Any) -> Any:
+        flat, leaves = jax.tree.leaves(numbers), []
+        for leaf in jax.tree.leaves(shapes):
+            n = int(np.prod(leaf.shape))
+            leaves.append(jnp.stack(flat[:n]).reshape(leaf.shape) if leaf.shape else flat[0])
+            flat = flat[n:]
+        return jax.tree.unflatten(treedef, leaves)
+
+    return rewritten, pack

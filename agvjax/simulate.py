@@ -1,0 +1,253 @@
+"""The closed loop in time: one `lax.scan` over the steps, from which trajectories and metrics both come."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from . import loop
+from ._pytree import pytree
+from .integrate import RK4, Integrator
+from .leaves import cast
+from .path import reference
+from .scalarise import scalarise, split_tree
+
+CHUNK = 100  # steps whose time-only signals are tabulated at once; also the unit of checkpointing
+
+
+@pytree
+class Trajectory:
+    """N + 1 samples of one run, N = n_steps / save_every; m is the plant's number of actuators."""
+
+    t: Float[Array, " N+1"]  # s
+    position: Float[Array, "N+1 2"]  # m, reference point (x_n, y_n)
+    velocity: Float[Array, "N+1 2"]  # m/s
+    heading: Float[Array, " N+1"]  # rad
+    reference_position: Float[Array, "N+1 2"]  # m
+    reference_heading: Float[Array, " N+1"]  # rad
+    command: Float[Array, "N+1 3"]  # u_x, u_y [m/s^2], omega_bar [rad/s], before the actuators
+    delivered: Float[Array, "N+1 m"]  # what the actuators delivered
+    controller: Any  # continuous state of the law, each leaf with a leading N+1
+    weight_norm: Float[Array, "N+1 2"] | None  # position and heading, where the law adapts one
+    ok: Bool[Array, ""]  # False: the state left `scenario.limit` and was latched
+
+
+@pytree
+class Carry:
+    """What one step hands to the next."""
+
+    flow: loop.Flow
+    held: loop.Held
+    ok: Bool[Array, ""]
+    meter: Any
+
+
+class Rollout:
+    """One closed loop ready to be stepped: the objects, cast to the run's dtype, and how to step them.
+
+    `meter` accumulates over the steps: `start(sample) -> m` and `update(m, sample, weights) -> m`, where
+    `weights(t, dt, end)` is tabulated with the other time-only signals.
+    """
+
+    def __init__(
+        self,
+        controller: Any,
+        scenario: Any,
+        *,
+        dt: Any,
+        n_steps: int,
+        control_every: int,
+        integrator: Integrator,
+        dtype: Any,
+        meter: Any,
+    ):
+        if n_steps < 1 or control_every < 1:
+            raise ValueError(f"n_steps and control_every must be at least 1; got {n_steps} and {control_every}")
+        if set(scenario.deadzone) != set(scenario.plant.actuators):
+            kind = type(scenario.plant).__name__
+            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {tuple(scenario.deadzone)}")
+        self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
+        self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
+        self.dt = jnp.asarray(dt, self.dtype)
+        self.n_steps, self.control_every, self.integrator = n_steps, control_every, integrator
+        self.end = self.dt * n_steps
+
+    def weights(self, t: Float[Array, ""]) -> Any:
+        """What the meter wants to know of an instant; time-only."""
+        return self.meter.weights(t, self.dt, self.end)
+
+    def time_only(self, t: Float[Array, ""]) -> Any:
+        """What depends on time alone, and on nothing a batch usually varies."""
+        disturbance = self.scenario.disturbance
+        shape = disturbance.shape(t) if hasattr(disturbance, "shape") else disturbance(t)
+        return reference(self.scenario.path, self.scenario.heading, t), shape
+
+    def signals(self, t: Float[Array, ""], row: Any) -> loop.Signals:
+        """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
+        ref, shape = row
+        disturbance = self.scenario.disturbance
+        value = disturbance.scale(shape) if hasattr(disturbance, "scale") else shape
+        return loop.Signals(time=t, reference=ref, disturbance=value)
+
+    def table(self, first: Any, steps: int) -> Any:
+        """Time-only signals of `steps` steps from number `first`: t = step index * dt, at the nodes of the integrator."""
+        index = first + jnp.arange(steps)
+        nodes = jnp.array(self.integrator.nodes, self.dtype)
+        t = (index[:, None].astype(self.dtype) + nodes) * self.dt
+        return index, t, jax.vmap(jax.vmap(self.time_only))(t), jax.vmap(self.weights)(t[:, 0])
+
+    def begin(self) -> Carry:
+        """The first carry."""
+        t = jnp.zeros((), self.dtype)
+        signals = self.signals(t, self.time_only(t))
+        flow, held = loop.start(self.controller, self.scenario, signals)
+        sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
+        return Carry(flow=flow, held=held, ok=jnp.array(True), meter=self.meter.start(sample))
+
+    def control(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
+        """The memory in force at this step: renewed where it is a control instant."""
+        if not jax.tree.leaves(carry.held):
+            return carry.held
+
+        def renew() -> loop.Held:
+            h = self.dt * self.control_every
+            return loop.jump(self.controller, self.scenario, carry.flow, carry.held, signals, h)
+
+        if self.control_every == 1:
+            return renew()
+        return jax.lax.cond(index % self.control_every == 0, renew, lambda: carry.held)
+
+    def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
+        """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
+        index, t, table, weights = row
+        nodes = range(len(self.integrator.nodes))
+        signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
+        held = self.control(carry, index, signals[0])
+
+        def rate(flow: loop.Flow, signal: loop.Signals) -> tuple[loop.Flow, loop.Sample]:
+            return loop.derivative(self.controller, self.scenario, flow, held, signal)
+
+        flow, sample = self.integrator.advance(rate, carry.flow, self.dt, signals)
+        ok = carry.ok & (loop.norm_squared(flow) < self.scenario.limit**2)  # False for NaN too
+        flow, held = jax.tree.map(lambda new, old: jnp.where(ok, new, old), (flow, held), (carry.flow, carry.held))
+        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
+
+    def run(self, save_every: int | None) -> tuple[Carry, Any, loop.Sample]:
+        """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
+
+        def steps(carry: Carry, rows: Any) -> Carry:
+            step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
+            columns = jax.tree.map(lambda x: [x[(slice(None), *i)] for i in np.ndindex(x.shape[1:])], rows)
+            # the row travels in the carry, fetched one step ahead: a row read in the body would be read in every kernel
+            now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
+            return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
+
+        def save(carry: Carry, rows: Any) -> tuple[Carry, loop.Sample]:
+            after, sample = self.step(carry, _first(rows))
+            return after if save_every == 1 else steps(carry, rows), sample
+
+        def chunk(carry: Carry, first: Any, count: int) -> tuple[Carry, Any]:
+            rows = self.table(first, count)
+            if save_every is None:
+                return steps(carry, rows), None
+            rows = jax.tree.map(lambda x: x.reshape(-1, save_every, *x.shape[1:]), rows)
+            return jax.lax.scan(save, carry, rows)
+
+        chunk = jax.checkpoint(chunk, prevent_cse=False, static_argnums=2)  # reverse mode keeps one carry a chunk
+        size = CHUNK if save_every is None else save_every * max(1, CHUNK // save_every)
+        carry, parts = self.begin(), []
+        whole, rest = divmod(self.n_steps, size)
+        if whole:
+            carry, samples = jax.lax.scan(lambda c, k: chunk(c, k, size), carry, size * jnp.arange(whole))
+            parts.append(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), samples))
+        if rest:
+            carry, samples = chunk(carry, jnp.array(whole * size), rest)
+            parts.append(samples)
+        last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
+        return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _first(rows: Any) -> Any:
+    return jax.tree.map(lambda x: x[0], rows)
+
+
+@pytree
+class NoMeter:
+    """Measures nothing."""
+
+    def weights(self, t: Any, dt: Any, end: Any) -> tuple[()]:
+        """Nothing depends on time."""
+        return ()
+
+    def start(self, sample: loop.Sample) -> tuple[()]:
+        """Nothing to begin with."""
+        return ()
+
+    def update(self, state: tuple[()], sample: loop.Sample, weights: tuple[()]) -> tuple[()]:
+        """Nothing is added."""
+        return state
+
+
+@functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator", "dtype"))
+def simulate(
+    controller: Any,
+    scenario: Any,
+    *,
+    dt: Any = 1e-3,
+    n_steps: int = 12_000,
+    save_every: int = 1,
+    control_every: int = 1,
+    integrator: Integrator = RK4,
+    dtype: Any = None,
+) -> Trajectory:
+    """Roll one vehicle out: section 4 by default, 12 s in steps of 1 ms (reading R10).
+
+    Args:
+        controller: a pytree with `init` and `law`; see `agvjax.controllers`.
+        scenario: what the controller does not know; see `Scenario`.
+        dt: step [s]; traced, so that changing it does not compile again.
+        n_steps: number of steps; a multiple of `save_every`.
+        save_every: steps between saved samples.
+        control_every: steps between control instants, at which memory jumps (sampled laws, delays, noise).
+        integrator: `RK4`, `HEUN` or `EULER`.
+        dtype: float32 or float64; None takes JAX's default float.
+
+    Returns:
+        n_steps / save_every + 1 samples, the first at t = 0. Works under `jax.vmap`, `grad`, `jvp` and `jit`.
+
+    Raises:
+        ValueError: `n_steps` is no positive multiple of `save_every`, or the scenario's actuators are not the plant's.
+    """
+    if save_every < 1 or n_steps % save_every:
+        raise ValueError(f"n_steps must be a positive multiple of save_every; got n_steps={n_steps}, save_every={save_every}")
+    rollout = Rollout(
+        controller,
+        scenario,
+        dt=dt,
+        n_steps=n_steps,
+        control_every=control_every,
+        integrator=integrator,
+        dtype=dtype,
+        meter=NoMeter(),
+    )
+    carry, samples, last = rollout.run(save_every)
+    samples = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), samples, last)
+    norms = getattr(controller, "weight_norms", None)
+    return Trajectory(
+        t=samples.time,
+        position=samples.position,
+        velocity=samples.velocity,
+        heading=samples.heading,
+        reference_position=samples.reference_position,
+        reference_heading=samples.reference_heading,
+        command=samples.command,
+        delivered=samples.delivered,
+        controller=samples.controller,
+        weight_norm=None if norms is None else jax.vmap(norms)(samples.controller),
+        ok=carry.ok,
+    )
