@@ -1,10 +1,76 @@
-"""agvjax."""
+"""Path following of autonomous ground vehicles whose actuators have a deadzone: simulate, differentiate, tune.
 
+Maaruf & Mysorewala, "Neuro-adaptive path following control of autonomous ground vehicles with input deadzone",
+Discover Applied Sciences 6:415 (2024). Equation numbers in this package are the paper's; a place where the paper is
+silent or contradicts itself is marked `reading R..` where it matters.
+
+| here | paper | meaning |
+|---|---|---|
+| `position`, `velocity` | chi1, chi2 | reference point (x_n, y_n) [m] and its rate [m/s], eqs. (2), (7) |
+| `heading` | psi | orientation [rad] |
+| `command` | U_bar, omega_bar | what the law asks for, before the deadzone [m/s^2, rad/s] |
+| `delivered` | U, omega | what the actuators deliver |
+| `slope_*`, `threshold_*` | Pi_r, Pi_l, s_r, s_l | deadzone, eq. (11) |
+| `Pi_hat`, `Pi_psi_hat` | Pi, Pi_psi | the slopes the controller believes in (readings R2, R3) |
+| `k1, k2, k3, Lam, Lam_psi` | k1, k2, k3, Lambda, Lambda_psi | gains |
+| `omega_n`, `zeta` | omega_n, Psi or Phi | command filter (reading R6) |
+| `phi1, phi2` | phi1, phi2 | command filter's state, eq. (22) |
+| `xi1, xi2` | xi1, xi2 | filtering-error compensation, eq. (23) |
+| `beta1, beta2` | beta1, beta2 | integrals of the errors, eqs. (25), (57) |
+| `varphi`, `varphi_psi` | phi-hat, phi-hat_psi | estimates of the squared weight norms, eqs. (45), (67) |
+| `centers`, `width` | eta-bar, eta | network, eq. (20) |
+| `gamma1, gamma2, eta1, eta2, b1, b2` | the same | adaptation, eqs. (41), (45), (63), (67) |
+"""
+
+from .check import InputError as InputError
+from .check import Problem as Problem
+from .check import check as check
+from .check import problems as problems
+from .check import step_problems as step_problems
+from .controllers import CommandFilter as CommandFilter
+from .controllers import LiteralFilter as LiteralFilter
 from .controllers import NeuroBackstepping as NeuroBackstepping
+from .deadzone import Deadzone as Deadzone
+from .disturbance import Cosine as Cosine
+from .disturbance import CosineSum as CosineSum
+from .disturbance import NoDisturbance as NoDisturbance
+from .disturbance import Step as Step
 from .evaluate import Batch as Batch
 from .evaluate import batch as batch
 from .evaluate import evaluate as evaluate
+from .integrate import EULER as EULER
+from .integrate import HEUN as HEUN
+from .integrate import INTEGRATORS as INTEGRATORS
+from .integrate import RK4 as RK4
+from .integrate import Integrator as Integrator
+from .leaves import leaves as leaves
+from .leaves import replace as replace
 from .metrics import Criteria as Criteria
+from .metrics import Metrics as Metrics
 from .metrics import measure as measure
+from .metrics import tracking_error as tracking_error
+from .path import Bearing as Bearing
+from .path import Circle as Circle
+from .path import Dumbbell as Dumbbell
+from .path import Lemniscate as Lemniscate
+from .path import Line as Line
+from .path import RawBearing as RawBearing
+from .path import Reference as Reference
+from .path import SwappedBearing as SwappedBearing
+from .path import Tangent as Tangent
+from .path import default_heading as default_heading
+from .plant import Command as Command
+from .plant import Decoupled as Decoupled
+from .plant import DeliveredYawRate as DeliveredYawRate
+from .plant import ForwardSpeed as ForwardSpeed
+from .plant import KinematicYawRate as KinematicYawRate
+from .plant import Measurement as Measurement
+from .plant import Start as Start
+from .plant import TurnedVelocity as TurnedVelocity
+from .rbf import RadialBasis as RadialBasis
 from .scenario import Scenario as Scenario
+from .simulate import Trajectory as Trajectory
 from .simulate import simulate as simulate
+from .xla import tune_xla as tune_xla
+
+__version__ = "0.1.0"

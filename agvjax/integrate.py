@@ -32,6 +32,15 @@ class Integrator(NamedTuple):
             total += term
         return float(np.abs(total))
 
+    def stable_step(self, poles: np.ndarray) -> float:
+        """The largest step [s], within 0.1 %, up to which every mode with one of these poles [1/s] decays."""
+        low, high = 0.0, 10.0 / float(np.max(np.abs(poles)))
+        while high - low > 1e-3 * high:
+            middle = (low + high) / 2
+            decays = all(self.amplification(pole * middle) <= 1 for pole in poles)
+            low, high = (middle, high) if decays else (low, middle)
+        return low
+
 
 def _add(x: Any, h: Any, rate: Any) -> Any:
     return jax.tree.map(lambda a, b: a + h * b, x, rate)
@@ -60,3 +69,4 @@ def _rk4(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
 EULER = Integrator("euler", 1, (0.0,), _euler)
 HEUN = Integrator("heun", 2, (0.0, 1.0), _heun)
 RK4 = Integrator("rk4", 4, (0.0, 0.5, 1.0), _rk4)
+INTEGRATORS = {method.name: method for method in (EULER, HEUN, RK4)}

@@ -164,8 +164,3 @@ def derivative(controller: Any, scenario: Any, flow: Flow, held: Held, signals: 
 def as_vector(command: Command) -> Float[Array, "3"]:
     """u_x, u_y, omega_bar."""
     return jnp.concatenate([command.position, command.heading[None]])
-
-
-def norm_squared(flow: Flow) -> Float[Array, ""]:
-    """Sum of squares of the whole continuous state, for the latch."""
-    return sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(flow.plant)), start=jnp.zeros(()))

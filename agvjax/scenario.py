@@ -25,7 +25,7 @@ class Scenario:
     """Vehicle, actuators, disturbance, path and start; the paper's by default.
 
     `deadzone` holds one actuator for each channel that the plant names. `heading` None asks for the path's own reading
-    (`agvjax.default_heading`). A run whose state leaves the ball of radius `limit` has diverged: it is latched there.
+    (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit` has diverged: it is latched there.
     """
 
     plant: Any = Decoupled()
@@ -35,4 +35,4 @@ class Scenario:
     heading: Any = None
     sensor: Any = None
     start: Start = dataclasses.field(default_factory=Start)
-    limit: float = number(1e3, "norm of the state", POSITIVE)
+    limit: float = number(1e3, "norm of the vehicle's state", POSITIVE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
@@ -34,6 +35,10 @@ class CommandFilter:
         """Derivatives of phi1 and phi2."""
         return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n * (phi1 - alpha1)
 
+    def poles(self, omega_n: float, zeta: float) -> np.ndarray:
+        """Roots of s^2 + 2 zeta omega_n s + omega_n^2 [1/s]."""
+        return np.roots([1.0, 2 * zeta * omega_n, omega_n**2])
+
 
 @pytree
 class LiteralFilter:
@@ -42,6 +47,10 @@ class LiteralFilter:
     def __call__(self, phi1: Array, phi2: Array, alpha1: Array, omega_n: Array, zeta: Array) -> tuple[Array, Array]:
         """Derivatives of phi1 and phi2."""
         return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n**2 * (phi1 - alpha1)
+
+    def poles(self, omega_n: float, zeta: float) -> np.ndarray:
+        """Roots of s^2 + 2 zeta omega_n s + omega_n^3 [1/s]."""
+        return np.roots([1.0, 2 * zeta * omega_n, omega_n**3])
 
 
 @pytree
@@ -133,3 +142,11 @@ class NeuroBackstepping:
     def weight_norms(self, flow: BacksteppingState) -> Float[Array, "2"]:
         """The two adapted estimates, position and heading (Figs. 10, 11)."""
         return jnp.stack([flow.varphi, flow.varphi_psi])
+
+    def poles(self) -> np.ndarray:
+        """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
+        return self.filter.poles(float(self.omega_n), float(self.zeta))
+
+    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
+        """What k1, k2 and k3 must exceed, from eqs. (48), (52) and (70), for the smallest true deadzone slopes."""
+        return {"k1": 1.0, "k2": max(0.5, 0.5 / Pi_min), "k3": 0.5 / Pi_psi_min}

@@ -1,0 +1,91 @@
+"""Are these numbers usable? Asked on the host, before a run; nothing under `jit` validates or raises."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple, TypeVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from .integrate import Integrator
+from .leaves import cast, children
+
+T = TypeVar("T")
+
+
+class Problem(NamedTuple):
+    """One thing that is wrong: which key, what it holds, what it must be and why."""
+
+    key: str
+    value: Any
+    rule: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        return f"{self.key} = {self.value}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
+
+
+class InputError(ValueError):
+    """Values a person must mend; the message names every one of them, `problems` lists them."""
+
+    def __init__(self, problems: list[Problem]):
+        self.problems = problems
+        count = f"{len(problems)} bad value" + ("s" if len(problems) > 1 else "")
+        super().__init__("\n  ".join([f"{count}:", *map(str, problems)]))
+
+
+def problems(tree: Any, name: str = "") -> list[Problem]:
+    """Every number in a controller or scenario that breaks the rule written beside its field."""
+    found = []
+    fields = {f.name: f.metadata for f in dataclasses.fields(tree)} if dataclasses.is_dataclass(tree) else {}
+    for part, value in children(tree).items():
+        key = f"{name}.{part}" if name else part
+        if children(value):
+            found += problems(value, key)
+        elif "rule" in fields.get(part, {}):
+            found += _broken(key, value, fields[part])
+    return found
+
+
+def _broken(key: str, value: Any, field: Any) -> list[Problem]:
+    rule, source, shape = field["rule"], field["source"], field["shape"]
+    array = np.asarray(value)
+    if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
+        return [Problem(key, repr(value), f"a number, {rule.text}", source)]
+    fits = array.shape == shape or (array.ndim == 1 and shape == (None,)) or (array.shape == () and shape != (None,))
+    if not fits:
+        wanted = "a number" if shape == () else f"an array of shape {shape}"
+        return [Problem(key, f"shape {array.shape}", wanted, source)]
+    if not np.all(np.isfinite(array)) or not np.all(rule.holds(array)):
+        text = rule.text if "finite" in rule.text else f"finite and {rule.text}"
+        return [Problem(key, value if array.ndim == 0 else array.tolist(), text, source)]
+    return []
+
+
+def step_problems(controller: Any, dt: float, horizon: float, integrator: Integrator) -> list[Problem]:
+    """What is wrong with a step and a horizon, for this controller and integrator."""
+    found = []
+    if not (np.isfinite(dt) and dt > 0):
+        return [Problem("dt", dt, "finite and > 0", "reading R10")]
+    if not (np.isfinite(horizon) and horizon >= dt):
+        found.append(Problem("horizon", horizon, f"finite and at least one step, {dt:g} s", "reading R10"))
+    if hasattr(controller, "poles"):
+        limit = integrator.stable_step(controller.poles())
+        if dt > limit:
+            rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the command filter diverge"
+            found.append(Problem("dt", dt, rule, "eq. (22)"))
+    return found
+
+
+def check(tree: T, dtype: Any = None) -> T:
+    """A controller or scenario, found usable, its numbers cast to the run's dtype (an integer gain would stop `jax.grad`).
+
+    Raises:
+        InputError: a ValueError that lists every bad leaf, its value, the rule and its source.
+    """
+    found = problems(tree)
+    if found:
+        raise InputError(found)
+    return cast(tree, jnp.result_type(float) if dtype is None else dtype)
