@@ -1,0 +1,62 @@
+"""Figures of trajectories. The only module that imports matplotlib; it makes figures and shows none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .metrics import tracking_error
+
+CHANNELS = ("x", "y", "heading")
+ERRORS = ("$e_x$ [m]", "$e_y$ [m]", r"$e_\psi$ [rad]")
+COMMANDS = (r"$\bar u_x$ [m/s$^2$]", r"$\bar u_y$ [m/s$^2$]", r"$\bar\omega$ [rad/s]")
+STYLES = ({"color": "0.55", "lw": 1.2, "ls": "--"}, {"color": "tab:blue", "lw": 1.4}, {"color": "tab:orange", "lw": 1.2, "ls": ":"})
+
+Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
+
+
+def path(runs: Runs) -> Figure:
+    """The reference path and what the reference point of the vehicle did, in the plane."""
+    figure = Figure(figsize=(5.2, 5.2), layout="constrained")
+    axes = figure.add_subplot()
+    draw_path(axes, runs)
+    return figure
+
+
+def draw_path(axes: Any, runs: Runs) -> None:
+    """The same on given axes."""
+    first = next(iter(runs.values()))
+    axes.plot(*np.asarray(first.reference_position).T, color="k", lw=0.8, label="path")
+    for (label, run), style in zip(runs.items(), STYLES, strict=False):
+        axes.plot(*np.asarray(run.position).T, label=label, **style)
+    axes.plot(*np.asarray(first.position[0]), "o", color="k", ms=4, label="start")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.legend(fontsize=8)
+
+
+def errors(runs: Runs) -> Figure:
+    """The three errors in time."""
+    return _rows(runs, lambda run: np.asarray(tracking_error(run)), ERRORS, "symlog", 1e-2)
+
+
+def commands(runs: Runs) -> Figure:
+    """The three commands in time, before the actuators."""
+    return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
+
+
+def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
+    figure = Figure(figsize=(7.5, 6), layout="constrained")
+    rows = figure.subplots(3, 1, sharex=True)
+    for channel, (axes, label) in enumerate(zip(rows, labels, strict=True)):
+        for (name, run), style in zip(runs.items(), STYLES, strict=False):
+            axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)
+        axes.set_yscale(scale, linthresh=linear)
+        axes.set(ylabel=label)
+        axes.grid(alpha=0.3)
+    rows[-1].set(xlabel="time [s]")
+    if len(runs) > 1:
+        rows[0].legend(fontsize=8, ncols=len(runs))
+    return figure

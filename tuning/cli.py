@@ -1,0 +1,49 @@
+"""The command line: arguments, exit codes and messages. What the commands do is in `commands`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+
+def parser() -> argparse.ArgumentParser:
+    """`agvjax simulate | tune`."""
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated")
+    common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, e.g. controller.k1=25")
+    common.add_argument("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)")
+    common.add_argument("--seed", type=int, help="seed of every random number")
+    common.add_argument("--precision", type=int, choices=(32, 64), help="bits of a floating-point number")
+    common.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    top = argparse.ArgumentParser(prog="agvjax", description=__doc__.splitlines()[0] if __doc__ else None)
+    top.description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
+    commands = top.add_subparsers(dest="command", required=True)
+    commands.add_parser("simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures")
+    tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
+    tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code: 0 success, 1 a run that failed, 2 bad input, 130 interrupted."""
+    arguments = parser().parse_args(argv)
+    from agvjax import InputError  # late: --help must not wait for JAX
+
+    from . import commands
+
+    try:
+        return {"simulate": commands.simulate, "tune": commands.tune}[arguments.command](arguments)
+    except InputError as error:
+        print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
+        return 2
+    except commands.RunFailed as error:
+        print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"agvjax {arguments.command}: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

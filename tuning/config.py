@@ -1,0 +1,383 @@
+"""TOML files and `--set` into objects and back; one error that names every bad key.
+
+The names of classes live here and nowhere else: `type = "circle"` in a table, or `filter = "literal"` where a class has
+nothing to set.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+import agvjax
+from agvjax._pytree import NONNEGATIVE, POSITIVE, Rule, number
+from agvjax.leaves import children
+
+from .ensemble import Between, Draw, Times, default_draws
+from .objective import METRICS
+from .optimise import find_optimizer
+
+VERSION = 1  # of this file format
+COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
+WHOLE = Rule("a whole number >= 0", lambda x: (x >= 0) & (x == np.round(x)))
+
+CLASSES: dict[str, dict[str, Any]] = {
+    "controller": {"neuro_backstepping": agvjax.NeuroBackstepping},
+    "controller.filter": {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter},
+    "scenario.plant": {"decoupled": agvjax.Decoupled},
+    "scenario.plant.yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
+    "scenario.plant.coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "scenario.path": {
+        "dumbbell": agvjax.Dumbbell,
+        "circle": agvjax.Circle,
+        "lemniscate": agvjax.Lemniscate,
+        "line": agvjax.Line,
+    },
+    "scenario.heading": {
+        "default": None,
+        "bearing": agvjax.Bearing,
+        "bearing_raw": agvjax.RawBearing,
+        "bearing_swapped": agvjax.SwappedBearing,
+        "tangent": agvjax.Tangent,
+    },
+    "scenario.disturbance": {
+        "cosine": agvjax.Cosine,
+        "none": agvjax.NoDisturbance,
+        "step": agvjax.Step,
+        "cosine_sum": agvjax.CosineSum,
+    },
+}
+CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
+CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """How `agvjax simulate` steps, and how validation does."""
+
+    dt: float = number(1e-3, "s", POSITIVE, "reading R10")
+    horizon: float = number(12.0, "s", POSITIVE, "reading R10")
+    integrator: str = "rk4"
+    save_every: int = number(1, "steps", COUNT)
+    control_every: int = number(1, "steps", COUNT)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ensemble:
+    """The scenarios to tune on and to validate on."""
+
+    size: int = number(64, "1", COUNT)
+    validation_size: int = number(256, "1", COUNT)
+    draws: dict[str, Draw] = dataclasses.field(default_factory=default_draws)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Goal:
+    """Minimise the mean and the worst of a metric, each relative to the starting gains'."""
+
+    metric: str = "rmse"
+    mean: float = number(1.0, "1", NONNEGATIVE)
+    worst: float = number(0.3, "1", NONNEGATIVE)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tune:
+    """The tuning problem and its solution; the step is coarser than for validation, at a tenth of a percent in the cost."""
+
+    gains: tuple[str, ...] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+    bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    goal: Goal = Goal()
+    limits: dict[str, float] = dataclasses.field(
+        default_factory=lambda: {"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0}
+    )
+    penalty: float = number(3.0, "1", NONNEGATIVE)
+    dt: float = number(5e-3, "s", POSITIVE)
+    integrator: str = "rk4"
+    gradient: str = "forward"
+    optimizer: str = "adam"
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)
+    learning_rate: float = number(0.1, "1", POSITIVE)
+    iterations: int = number(300, "1", COUNT)
+    patience: int = number(100, "iterations", COUNT)
+    clip: float = number(10.0, "norm of the gradient", POSITIVE)
+    checkpoint_every: int = number(10, "iterations", COUNT)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Config:
+    """Everything a command needs to know."""
+
+    version: int = VERSION
+    seed: int = number(0, "1", WHOLE)
+    precision: int = 64
+    controller: Any = agvjax.NeuroBackstepping()
+    scenario: Any = dataclasses.field(default_factory=agvjax.Scenario)
+    simulate: Simulate = Simulate()
+    ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
+    tune: Tune = dataclasses.field(default_factory=Tune)
+
+
+class _Reader:
+    """Builds objects from tables and collects what is wrong on the way."""
+
+    def __init__(self) -> None:
+        self.problems: list[agvjax.Problem] = []
+
+    def wrong(self, key: str, value: Any, rule: str, source: str = "") -> None:
+        self.problems.append(agvjax.Problem(key, value if isinstance(value, (int, float)) else repr(value), rule, source))
+
+    def unknown(self, key: str, value: Any, known: Sequence[str]) -> None:
+        name = key.rpartition(".")[2]
+        near = difflib.get_close_matches(name, known, 1, 0.5)
+        self.wrong(key, value, f"a known key; did you mean {near[0]}?" if near else f"one of {', '.join(known)}")
+
+    def build(self, key: str, default: Any, given: Any) -> Any:
+        """The object at `key`: the default with what the table gives."""
+        if key in CLASSES:
+            return self.pick(key, default, given)
+        if key == "ensemble.draws":
+            return self.draws(key, given)
+        if key == "tune.bounds":
+            return self.bounds(key, given)
+        if dataclasses.is_dataclass(default) and not isinstance(default, type):
+            return self.fields(key, default, given)
+        if isinstance(default, dict):
+            return self.mapping(key, default, given)
+        return self.scalar(key, default, given)
+
+    def fields(self, key: str, default: Any, given: Any) -> Any:
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        known = [f.name for f in dataclasses.fields(default)]
+        new = {}
+        for name, value in given.items():
+            part = f"{key}.{name}" if key else name
+            if name not in known:
+                self.unknown(part, value, known)
+            else:
+                new[name] = self.build(part, getattr(default, name), value)
+        return dataclasses.replace(default, **new)
+
+    def pick(self, key: str, default: Any, given: Any) -> Any:
+        classes = CLASSES[key]
+        if isinstance(given, str):
+            given = {"type": given}
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table or the name of a type")
+            return default
+        kind = given.get("type")
+        if kind is not None and kind not in classes:
+            self.wrong(f"{key}.type", kind, f"one of {', '.join(classes)}")
+            return default
+        if kind is not None and (classes[kind] is None or not isinstance(default, classes[kind])):
+            default = None if classes[kind] is None else classes[kind]()
+        rest = {name: value for name, value in given.items() if name != "type"}
+        if default is None:
+            for name, value in rest.items():
+                self.wrong(f"{key}.{name}", value, "absent: this type has nothing to set")
+            return None
+        return self.fields(key, default, rest)
+
+    def mapping(self, key: str, default: dict[str, Any], given: Any) -> Any:
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        if key == "tune.options":
+            return dict(given)
+        if key == "tune.limits":
+            for name in set(given) - set(METRICS):
+                self.unknown(f"{key}.{name}", given[name], tuple(METRICS))
+            return {name: self.scalar(f"{key}.{name}", 1.0, value) for name, value in given.items()}
+        for name in set(given) - set(default):
+            self.unknown(f"{key}.{name}", given[name], tuple(default))
+        return {n: self.build(f"{key}.{n}", part, given[n]) if n in given else part for n, part in default.items()}
+
+    def scalar(self, key: str, default: Any, given: Any) -> Any:
+        if isinstance(default, bool) or isinstance(default, str):
+            if type(given) is not type(default):
+                self.wrong(key, given, "true or false" if isinstance(default, bool) else "a string")
+                return default
+            if given not in CHOICES.get(key, (given,)):
+                self.wrong(key, given, f"one of {', '.join(CHOICES[key])}")
+                return default
+            return given
+        if isinstance(default, tuple):
+            if not isinstance(given, list) or not given or not all(isinstance(x, str) for x in given):
+                self.wrong(key, given, "a list of names")
+                return default
+            return tuple(given)
+        array = np.asarray(given) if isinstance(given, (int, float, list)) and not isinstance(given, bool) else np.array("")
+        if array.dtype.kind not in "if":
+            self.wrong(key, given, "a number")
+            return default
+        if array.ndim:
+            return array.astype(float)
+        whole = isinstance(default, int) and np.isfinite(given) and given == int(given)
+        return int(given) if whole else given
+
+    def draws(self, key: str, given: Any) -> dict[str, Draw]:
+        kinds = {"between": Between, "times": Times}
+        found: dict[str, Draw] = {}
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return found
+        for name, draw in _flat(given, kinds):
+            pair = next(iter(draw.values())) if isinstance(draw, Mapping) and len(draw) == 1 and set(draw) <= set(kinds) else None
+            if not _is_pair(pair):
+                self.wrong(f"{key}.{name}", draw, "{ between = [low, high] } or { times = [low, high] } with low <= high")
+            else:
+                found[name] = kinds[next(iter(draw))](float(pair[0]), float(pair[1]))
+        return found
+
+    def bounds(self, key: str, given: Any) -> dict[str, tuple[float, float]]:
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return {}
+        for name, pair in given.items():
+            if not _is_pair(pair):
+                self.wrong(f"{key}.{name}", pair, "[low, high] with low <= high")
+        return {name: (float(p[0]), float(p[1])) for name, p in given.items() if _is_pair(p)}
+
+
+def _is_pair(pair: Any) -> bool:
+    numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, (int, float)) for x in pair)
+    return numbers and bool(pair[0] <= pair[1])
+
+
+def _flat(table: Mapping[str, Any], ends: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Dotted keys, quoted or not, as one flat list."""
+    rows = []
+    for name, value in table.items():
+        nested = isinstance(value, Mapping) and not set(value) & set(ends)
+        rows += _flat(value, ends, f"{prefix}{name}.") if nested and value else [(prefix + name, value)]
+    return rows
+
+
+def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
+    """The defaults, then each file, then each `key=value`.
+
+    Raises:
+        agvjax.InputError: lists every bad key, its value and the rule.
+    """
+    table: dict[str, Any] = {}
+    for name in files:
+        try:
+            _merge(table, tomllib.loads(Path(name).read_text(encoding="utf-8")))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise agvjax.InputError([agvjax.Problem("--config", name, f"a readable TOML file ({error})")]) from error
+    for text in overrides:
+        _merge(table, _override(text))
+    version = table.get("version", VERSION)
+    if version != VERSION:
+        raise agvjax.InputError([agvjax.Problem("version", repr(version), f"{VERSION}, the file format of this release")])
+    reader = _Reader()
+    config = reader.fields("", Config(), table)
+    found = reader.problems + _rules(config)
+    if found:
+        raise agvjax.InputError(found)
+    return config
+
+
+def _rules(config: Config) -> list[agvjax.Problem]:
+    """What can only be said of the whole."""
+    found = agvjax.problems(config)
+    if config.precision not in (32, 64):
+        found.append(agvjax.Problem("precision", config.precision, "32 or 64"))
+    known = agvjax.leaves(config.controller)
+    for name in (*config.tune.gains, *config.tune.bounds):
+        if name not in known:
+            found.append(agvjax.Problem("tune.gains", name, f"leaves of the controller: {', '.join(known)}"))
+    leaves = agvjax.leaves(config.scenario)
+    for name in config.ensemble.draws:
+        if name not in leaves:
+            near = difflib.get_close_matches(name, leaves, 1, 0.5)
+            hint = f"; did you mean {near[0]}?" if near else f": {', '.join(leaves)}"
+            found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
+    try:
+        find_optimizer(config.tune.optimizer)(1.0, **config.tune.options)
+    except (KeyError, TypeError) as error:
+        rule = f"an optimiser of optax that takes a learning rate, and options that it knows ({error})"
+        found.append(agvjax.Problem("tune.optimizer", config.tune.optimizer, rule))
+    for name, limit in config.tune.limits.items():
+        if not (np.isfinite(limit) and limit > 0):
+            found.append(agvjax.Problem(f"tune.limits.{name}", limit, "finite and > 0, a ratio to the starting gains"))
+    if not found:
+        for section, label in ((config.simulate, "simulate"), (config.tune, "tune")):
+            method = agvjax.INTEGRATORS[section.integrator]
+            steps = agvjax.step_problems(config.controller, section.dt, config.simulate.horizon, method)
+            found += [p._replace(key=f"{'simulate' if p.key == 'horizon' else label}.{p.key}") for p in steps]
+            count = config.simulate.horizon / section.dt
+            if not steps and abs(count - round(count)) > 1e-6 * count:
+                rule = f"a whole fraction of the horizon, {config.simulate.horizon:g} s"
+                found.append(agvjax.Problem(f"{label}.dt", section.dt, rule))
+        if not found and steps_of(config.simulate.horizon, config.simulate.dt) % config.simulate.save_every:
+            found.append(agvjax.Problem("simulate.save_every", config.simulate.save_every, "a divisor of the number of steps"))
+    return list(dict.fromkeys(found))
+
+
+def steps_of(horizon: float, dt: float) -> int:
+    """Number of steps."""
+    return round(horizon / dt)
+
+
+def _override(text: str) -> dict[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise agvjax.InputError([agvjax.Problem("--set", repr(text), "key=value")])
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()  # a bare word is a string
+    for part in reversed(key.strip().split(".")):
+        parsed = {part: parsed}
+    return parsed
+
+
+def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
+    for key, value in table.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def dump(config: Config) -> str:
+    """The resolved configuration as TOML; `load` reads it back to the same."""
+    return tomli_w.dumps(_table("", config))
+
+
+def _table(key: str, value: Any) -> Any:
+    if isinstance(value, (Between, Times)):
+        return {type(value).__name__.lower(): list(value)}
+    if key in CLASSES:
+        kind = next(n for n, c in CLASSES[key].items() if (c is None and value is None) or (c is not None and type(value) is c))
+        fields = {} if value is None else _fields(key, value)
+        return {"type": kind, **fields} if fields else kind
+    if dataclasses.is_dataclass(value):
+        return _fields(key, value)
+    if isinstance(value, Mapping):
+        return {name: _table(f"{key}.{name}", part) for name, part in value.items()}
+    if isinstance(value, tuple):
+        return list(value)
+    plain = np.asarray(value)
+    return value if isinstance(value, (str, bool)) else plain.tolist()
+
+
+def _fields(key: str, value: Any) -> dict[str, Any]:
+    parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    named = {n: _table(f"{key}.{n}" if key else n, p) for n, p in parts.items() if p is not None or f"{key}.{n}" in CLASSES}
+    return named
+
+
+def gains_table(controller: Any) -> str:
+    """`gains.toml`: the scalar gains of a controller, which `--config` reads back."""
+    scalars = {n: float(x) for n, x in children(controller).items() if not dataclasses.is_dataclass(x) and np.ndim(x) == 0}
+    return tomli_w.dumps({"version": VERSION, "controller": scalars})

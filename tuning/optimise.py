@@ -1,0 +1,169 @@
+"""The optax loop: gradients of the ensemble's cost in the free coordinates, checkpoints, the best gains so far."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+import agvjax
+
+from .free import Free
+from .objective import Objective, Score
+
+FEASIBLE = 1e-3  # a limit counts as met up to a tenth of a percent
+HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped")
+
+
+class Progress(NamedTuple):
+    """Everything a run needs to go on from where it stands."""
+
+    iteration: int
+    z: Any  # free coordinates
+    optimiser: Any  # state of the optax chain
+    best_z: Any
+    best: tuple[float, float]  # (excess beyond tolerance, cost) of best_z, compared in this order
+    best_iteration: int
+    clipped: int  # gradients cut to the allowed norm so far
+    skipped: int  # iterations without a step, their gradient not finite
+    history: list[tuple[float, ...]]  # a row an iteration: HISTORY, then the gains
+
+
+@dataclasses.dataclass(frozen=True)
+class Tuner:
+    """A tuning problem and how to solve it; the defaults are those that did best on the default problem."""
+
+    controller: Any
+    batch: agvjax.Batch
+    free: Free
+    objective: Objective = Objective()
+    dt: float = 5e-3
+    n_steps: int = 2400
+    integrator: agvjax.Integrator = agvjax.RK4
+    iterations: int = 300
+    optimizer: str = "adam"
+    learning_rate: float = 0.1
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)  # further arguments of the optax optimiser
+    clip: float = 10.0
+    patience: int = 100
+    gradient: str = "forward"
+    prepared: Callable[[Any], tuple[Any, Any, Any]] | None = None  # `jacobian` of this very problem, compiled before
+
+    @functools.cached_property
+    def chain(self) -> optax.GradientTransformation:
+        """Clipping, then the optimiser with a cosine decay of its learning rate over the run."""
+        schedule = optax.cosine_decay_schedule(self.learning_rate, max(1, self.iterations))
+        return optax.chain(optax.clip_by_global_norm(self.clip), find_optimizer(self.optimizer)(schedule, **self.options))
+
+    def values(self, z: Any) -> tuple[Any, Any]:
+        """The metrics that matter of every scenario (M, B), and which runs are worth having (B,)."""
+        controller = self.free.controller(z, self.controller)
+        metrics = agvjax.evaluate(
+            controller, self.batch, dt=self.dt, n_steps=self.n_steps, integrator=self.integrator, dtype=z.dtype.type
+        )
+        return self.objective.values(metrics)
+
+    def jacobian(self, z: Any) -> tuple[Any, Any, Any]:
+        """Values, ok and slopes (K, M, B) at z: one rollout carries all tangents, memory flat in the horizon."""
+        along = jax.vmap(lambda v: jax.jvp(self.values, (z,), (v,)), out_axes=((None, None), (0, None)))
+        (values, ok), (slopes, _) = along(jnp.eye(z.size, dtype=z.dtype))
+        return values, ok, slopes
+
+    @functools.cached_property
+    def push(self) -> Callable[[Any], tuple[Any, Any, Any]]:
+        """`jacobian`, jitted."""
+        return self.prepared or jax.jit(self.jacobian)
+
+    @functools.cached_property
+    def reference(self) -> np.ndarray:
+        """Mean and worst of those metrics with the starting gains; raises `RuntimeError` where every run diverges."""
+        start = self.free.coordinates(self.controller)
+        values, ok = self.push(start)[:2] if self.gradient == "forward" else jax.jit(self.values)(start)
+        if not np.any(ok):
+            raise RuntimeError(f"every one of the {self.batch.size} runs diverges with the starting gains: nothing to tune from")
+        return self.objective.reference(values, ok)
+
+    @functools.cached_property
+    def gradient_of(self) -> Callable[[Any], tuple[Score, Any]]:
+        """z -> score and the gradient of its cost, by the mode of `gradient`."""
+        reference = self.reference
+
+        def cost_of(values: Any, ok: Any) -> tuple[Any, Score]:
+            score = self.objective.score(values, ok, reference)
+            return score.cost, score
+
+        def weigh(values: Any, ok: Any, slopes: Any) -> tuple[Score, Any]:
+            weights, score = jax.grad(cost_of, has_aux=True)(values, ok)
+            return score, jnp.tensordot(slopes, weights, axes=2)
+
+        def reverse(z: Any) -> tuple[Score, Any]:
+            gradient, score = jax.grad(lambda z: cost_of(*self.values(z)), has_aux=True)(z)
+            return score, gradient
+
+        weigh = jax.jit(weigh)
+        return (lambda z: weigh(*self.push(z))) if self.gradient == "forward" else jax.jit(reverse)
+
+    @functools.cached_property
+    def update(self) -> Callable[[Any, Any, Any], tuple[Any, Any]]:
+        """gradient, optimiser state, z -> (z, state)."""
+
+        def step(gradient: Any, state: Any, z: Any) -> tuple[Any, Any]:
+            change, state = self.chain.update(gradient, state, z)
+            return optax.apply_updates(z, change), state
+
+        return jax.jit(step)
+
+    def begin(self) -> Progress:
+        """Before the first iteration: the starting gains, which are also the best so far."""
+        z = self.free.coordinates(self.controller)
+        return Progress(0, z, self.chain.init(z), z, (np.inf, np.inf), 0, 0, 0, [])
+
+    def advance(self, p: Progress) -> Progress:
+        """One iteration: gradient, the best so far, step."""
+        score, gradient = self.gradient_of(p.z)
+        norm = float(jnp.linalg.norm(gradient))
+        finite = bool(np.isfinite(norm))
+        clipped, skipped = p.clipped + (finite and norm > self.clip), p.skipped + (not finite)
+        rank = (max(0.0, float(score.excess) - FEASIBLE), float(score.cost))
+        better = rank < p.best
+        row = (p.iteration, *(float(s) for s in score), norm, clipped, skipped, *self.gains(p.z))
+        z, state = self.update(gradient, p.optimiser, p.z) if finite else (p.z, p.optimiser)
+        return Progress(
+            iteration=p.iteration + 1,
+            z=z,
+            optimiser=state,
+            best_z=p.z if better else p.best_z,
+            best=rank if better else p.best,
+            best_iteration=p.iteration if better else p.best_iteration,
+            clipped=clipped,
+            skipped=skipped,
+            history=[*p.history, row],
+        )
+
+    def gains(self, z: Any) -> list[float]:
+        """The tuned gains at z, in the order of their names."""
+        leaves = agvjax.leaves(self.free.controller(z, self.controller))
+        return [float(leaves[name]) for name in self.free.names]
+
+    def finished(self, p: Progress) -> bool:
+        """All iterations done, or no better gains for `patience` of them."""
+        return p.iteration >= self.iterations or p.iteration - p.best_iteration > self.patience
+
+    def best(self, p: Progress) -> Any:
+        """The controller with the best gains so far: limits met first, then cost."""
+        return self.free.controller(p.best_z, self.controller)
+
+
+def find_optimizer(name: str) -> Callable[..., Any]:
+    """An optimiser of optax by its name; KeyError where there is none that takes a learning rate."""
+    maker = getattr(optax, name, None) or getattr(optax.contrib, name, None)
+    if not callable(maker) or "learning_rate" not in inspect.signature(maker).parameters:
+        raise KeyError(name)
+    return maker

@@ -1,0 +1,66 @@
+"""A second start that neither traces nor compiles: both are kept on disk, keyed by everything they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax import export
+
+import agvjax
+
+from . import runs
+
+
+def folder() -> Path:
+    """Where they are kept: `agvjax` under XDG_CACHE_HOME or ~/.cache. Safe to delete."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "agvjax"
+
+
+def keep_compiled() -> None:
+    """Let JAX keep what it compiles, however quickly it was compiled."""
+    jax.config.update("jax_compilation_cache_dir", str(folder() / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callable[..., Any]:
+    """`function` jitted, its trace taken from disk if the same code traced it before for the same settings.
+
+    Args:
+        function: what to jit; its result must depend on its arguments and on `settings` alone.
+        settings: all that shapes the trace besides the code and the versions of the libraries.
+        example: arguments of the right shapes and dtypes.
+    """
+    path = folder() / "traces" / f"{_key(settings)}.bin"
+    if path.exists():
+        try:
+            return _committed(export.deserialize(bytearray(path.read_bytes())))
+        except Exception:  # damaged, or of a build that only looks the same: trace again
+            path.unlink(missing_ok=True)
+    module = export.export(jax.jit(function))(*example)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        runs.write(path, bytes(module.serialize()))
+    except OSError:  # no place to keep it: the next start traces again
+        pass
+    return _committed(module)
+
+
+def _committed(module: export.Exported) -> Callable[..., Any]:
+    """What is exported returns arrays committed to a device; taking the same keeps one compilation for all calls."""
+    call, device = jax.jit(module.call), jax.local_devices()[0]
+    return lambda *arguments: call(*jax.device_put(arguments, device))
+
+
+def _key(settings: str) -> str:
+    digest = hashlib.sha256()
+    for package in (Path(agvjax.__file__).parent, Path(__file__).parent):
+        for source in sorted(package.rglob("*.py")):
+            digest.update(source.read_bytes())
+    state = (jax.__version__, jax.lib.__version__, os.environ.get("XLA_FLAGS"), jax.config.jax_enable_x64, settings)
+    digest.update(repr(state).encode())
+    return digest.hexdigest()[:32]
