@@ -13,6 +13,7 @@ from .metrics import tracking_error
 CHANNELS = ("x", "y", "heading")
 ERRORS = ("$e_x$ [m]", "$e_y$ [m]", r"$e_\psi$ [rad]")
 COMMANDS = (r"$\bar u_x$ [m/s$^2$]", r"$\bar u_y$ [m/s$^2$]", r"$\bar\omega$ [rad/s]")
+ALONE = ({"color": "tab:blue", "lw": 1.4},)
 STYLES = ({"color": "0.55", "lw": 1.2, "ls": "--"}, {"color": "tab:blue", "lw": 1.4}, {"color": "tab:orange", "lw": 1.2, "ls": ":"})
 
 Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
@@ -30,7 +31,7 @@ def draw_path(axes: Any, runs: Runs) -> None:
     """The same on given axes."""
     first = next(iter(runs.values()))
     axes.plot(*np.asarray(first.reference_position).T, color="k", lw=0.8, label="path")
-    for (label, run), style in zip(runs.items(), STYLES, strict=False):
+    for (label, run), style in zip(runs.items(), _styles(runs), strict=False):
         axes.plot(*np.asarray(run.position).T, label=label, **style)
     axes.plot(*np.asarray(first.position[0]), "o", color="k", ms=4, label="start")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -47,11 +48,15 @@ def commands(runs: Runs) -> Figure:
     return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
 
 
+def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
+    return ALONE if len(runs) == 1 else STYLES
+
+
 def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
     figure = Figure(figsize=(7.5, 6), layout="constrained")
     rows = figure.subplots(3, 1, sharex=True)
     for channel, (axes, label) in enumerate(zip(rows, labels, strict=True)):
-        for (name, run), style in zip(runs.items(), STYLES, strict=False):
+        for (name, run), style in zip(runs.items(), _styles(runs), strict=False):
             axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)
         axes.set_yscale(scale, linthresh=linear)
         axes.set(ylabel=label)
