@@ -24,7 +24,9 @@ NONNEGATIVE = Rule(">= 0", lambda x: x >= 0)
 ANY = Rule("finite", lambda x: np.isfinite(x))
 
 
-def number(default: Any, unit: str = "1", rule: Rule = ANY, source: str = "", shape: tuple[int | None, ...] = ()) -> Any:
+def number(
+    default: Any, unit: str = "1", rule: Rule = ANY, source: str = "", shape: tuple[int | None, ...] = ()
+) -> Any:
     """A traced leaf: its default, unit, rule and source; `shape` names the array it may be besides a scalar.
 
     A `None` in `shape` stands for any length. An array default is copied for each object.
@@ -40,7 +42,7 @@ def structure(default: Any) -> Any:
     return dataclasses.field(default=default, metadata={"static": True})
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(dataclasses.field, number, structure))
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(dataclasses.field,))
 def pytree(cls: type[T]) -> type[T]:
     """Make a class a frozen keyword-only dataclass that JAX treats as a tree of its fields.
 

@@ -80,7 +80,7 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
 
 
 def check(tree: T, dtype: Any = None) -> T:
-    """A controller or scenario, found usable, its numbers cast to the run's dtype (an integer gain would stop `jax.grad`).
+    """A controller or scenario, found usable, its numbers in the run's dtype (an integer gain would stop `jax.grad`).
 
     Raises:
         InputError: a ValueError that lists every bad leaf, its value, the rule and its source.

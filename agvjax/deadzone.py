@@ -35,7 +35,7 @@ class Deadzone:
         return jnp.where(u > 0, self.slope_right, self.slope_left)
 
     def residual(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """Eqs. (14), (18). The disturbance-like rest: `deadzone(u) == slope(u) * u + residual(u)`, eq. (12)."""
+        """Eqs. (14), (18). The disturbance-like rest d(u): what is delivered is slope * u + residual, eq. (12)."""
         inside = -self.slope(u) * u
         left = jnp.where(u <= -self.threshold_left, self.slope_left * self.threshold_left, inside)
         return jnp.where(u >= self.threshold_right, -self.slope_right * self.threshold_right, left)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ._pytree import pytree, structure
 from .integrate import RK4, Integrator
-from .leaves import get, leaves, replace, swap
+from .leaves import get, replace, swap
 from .metrics import Criteria, Metrics
 from .simulate import Rollout
 
@@ -44,7 +44,9 @@ class Batch:
     def __getitem__(self, index: Any) -> Any:
         """The scenario of one index, or the batch of a slice or an array of indices."""
         picked = swap(self.scenario, {name: jnp.asarray(value)[index] for name, value in self.values.items()})
-        return picked if np.ndim(index) == 0 and not isinstance(index, slice) else Batch(scenario=picked, names=self.names)
+        return (
+            picked if np.ndim(index) == 0 and not isinstance(index, slice) else Batch(scenario=picked, names=self.names)
+        )
 
 
 def batch(scenario: Any, values: Mapping[str, Any]) -> Batch:

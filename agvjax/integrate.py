@@ -8,15 +8,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-
 Derivative = Callable[[Any, Any], tuple[Any, Any]]
 
 
 class Integrator(NamedTuple):
     """One explicit method: the instants it looks at, as fractions of the step, and the step itself.
 
-    `advance(f, x, h, signals)` returns x at the end of the step and what `f` saw at its start; `f(x, signal)` returns the
-    derivative and what it sees, `signals` has one entry per node.
+    `advance(f, x, h, signals)` returns x at the end of the step and what `f` saw at its start; `f(x, signal)` returns
+    the derivative and what it sees, `signals` has one entry per node.
     """
 
     name: str

@@ -9,14 +9,15 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 
 def cast(tree: Any, dtype: Any) -> Any:
     """The tree with its real numbers (Python and NumPy integers too) in `dtype`; keys, counts and flags as they are."""
 
     def one(leaf: Any) -> Any:
-        real = jnp.issubdtype(jnp.result_type(leaf), jnp.floating) or jnp.issubdtype(jnp.result_type(leaf), jnp.signedinteger)
+        real = jnp.issubdtype(jnp.result_type(leaf), jnp.floating) or jnp.issubdtype(
+            jnp.result_type(leaf), jnp.signedinteger
+        )
         return jnp.asarray(leaf, dtype) if real else leaf
 
     return jax.tree.map(one, tree)
@@ -70,4 +71,3 @@ def swap(node: Any, values: Mapping[str, Any]) -> Any:
     parts = children(node)
     new = {h: tails[""] if "" in tails else swap(parts[h], tails) for h, tails in heads.items()}
     return {**node, **new} if isinstance(node, Mapping) else dataclasses.replace(node, **new)
-

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -94,15 +93,18 @@ def _respond(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Si
     heading command, which needs no yaw rate, the second everything. The compiler merges what both have in common.
     """
     plant = scenario.plant
-    delivered = {name: jnp.zeros(()) for name in plant.actuators}
-    for _ in range(1 + plant.feedthrough):
+
+    def once(delivered: dict[str, Any]) -> Any:
         measurement = plant.output(flow.plant, delivered)
         if scenario.sensor is not None:
             measurement = scenario.sensor(held.sensor, measurement)
         command, law_rate = controller.law(flow.controller, held.controller, measurement, signals.reference)
         inputs = plant.allocate(command, flow.plant)
         delivered, actuator_rates = _actuate(scenario, flow.actuators, held.actuators, inputs)
-    return measurement, command, inputs, delivered, actuator_rates, law_rate  # pyright: ignore[reportPossiblyUnbound]
+        return measurement, command, inputs, delivered, actuator_rates, law_rate
+
+    response = once({name: jnp.zeros(()) for name in plant.actuators})
+    return once(response[3]) if plant.feedthrough else response
 
 
 def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held]:

@@ -180,7 +180,9 @@ def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
         ValueError: the trajectory has a batch axis; use `jax.vmap(measure)`.
     """
     if trajectory.t.ndim != 1:
-        raise ValueError(f"measure takes one trajectory, t of shape (N+1,); got {trajectory.t.shape}: use jax.vmap(measure)")
+        raise ValueError(
+            f"measure takes one trajectory, t of shape (N+1,); got {trajectory.t.shape}: use jax.vmap(measure)"
+        )
     criteria = Criteria() if criteria is None else criteria
     dt, end = trajectory.t[1] - trajectory.t[0], trajectory.t[-1]
     weights = criteria.weights(trajectory.t, dt, end)

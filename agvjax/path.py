@@ -35,7 +35,9 @@ class Bearing:
     def __call__(self, path: Any, t: Float[Array, ""]) -> Float[Array, ""]:
         """Heading [rad]; the path says what its smooth bearing is, in a method `bearing(t)`."""
         if not hasattr(path, "bearing"):
-            raise ValueError(f"heading Bearing needs a path with a method bearing(t); {type(path).__name__} has none: use Tangent")
+            raise ValueError(
+                f"heading Bearing needs a path with a method bearing(t); {type(path).__name__} has none: use Tangent"
+            )
         return path.bearing(t)
 
 
@@ -82,7 +84,7 @@ class Dumbbell:
         return self.amplitude * jnp.stack([jnp.sin(2 * phase), jnp.sin(phase)])
 
     def bearing(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """Eq. (56) with sin(w t) divided out of both arguments [rad]: equal on the first half lap, smooth after (R8)."""
+        """Eq. (56) with sin(w t) divided out of both arguments [rad]: equal on the first half lap, then smooth (R8)."""
         return jnp.arctan2(jnp.ones_like(t), 2 * jnp.cos(self.omega * t))
 
 

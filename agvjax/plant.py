@@ -130,6 +130,4 @@ class Decoupled:
     def output(self, state: DecoupledState, delivered: dict[str, Array]) -> Measurement:
         """What the controller sees; the yaw rate is the one that F of eq. (6) uses."""
         yaw_rate = self.yaw_rate(state, delivered, self.L)  # pyright: ignore[reportArgumentType]
-        return Measurement(
-            position=state.position, velocity=state.velocity, heading=state.heading, yaw_rate=yaw_rate
-        )
+        return Measurement(position=state.position, velocity=state.velocity, heading=state.heading, yaw_rate=yaw_rate)

@@ -14,7 +14,11 @@ CHANNELS = ("x", "y", "heading")
 ERRORS = ("$e_x$ [m]", "$e_y$ [m]", r"$e_\psi$ [rad]")
 COMMANDS = (r"$\bar u_x$ [m/s$^2$]", r"$\bar u_y$ [m/s$^2$]", r"$\bar\omega$ [rad/s]")
 ALONE = ({"color": "tab:blue", "lw": 1.4},)
-STYLES = ({"color": "0.55", "lw": 1.2, "ls": "--"}, {"color": "tab:blue", "lw": 1.4}, {"color": "tab:orange", "lw": 1.2, "ls": ":"})
+STYLES = (
+    {"color": "0.55", "lw": 1.2, "ls": "--"},
+    {"color": "tab:blue", "lw": 1.4},
+    {"color": "tab:orange", "lw": 1.2, "ls": ":"},
+)
 
 Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
 

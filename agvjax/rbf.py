@@ -10,7 +10,7 @@ from ._pytree import ANY, POSITIVE, number, pytree
 
 @pytree
 class RadialBasis:
-    """Eq. (20). Nodes on the diagonal of the input space: node i sits at centers[i] in every coordinate (reading R11)."""
+    """Eq. (20). Nodes on the diagonal of the input space: node i is at centers[i] in every coordinate (reading R11)."""
 
     centers: Float[Array, " N"] = number((-3.0, -1.5, 0.0, 1.5, 3.0), "unit of the input", ANY, "sec. 4", shape=(None,))
     width: float = number(0.5, "unit of the input, squared", POSITIVE, "eq. (20), the divisor as printed (reading R11)")
@@ -25,4 +25,6 @@ class RadialBasis:
 
     def _exponent(self, chi: Float[Array, "*q"]) -> Float[Array, " N"]:
         offset = jnp.atleast_1d(chi)[:, None] - self.centers
-        return jnp.sum(offset**2, axis=0) * (-1 / self.width)  # the reciprocal leaves the hot loop, a division would not
+        return jnp.sum(offset**2, axis=0) * (
+            -1 / self.width
+        )  # the reciprocal leaves the hot loop, a division would not

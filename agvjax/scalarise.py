@@ -1,8 +1,8 @@
 """Laws are written with short vectors; compilers want scalars. This rewrites the one into the other.
 
-A step of the closed loop works on arrays of shape (2,), (3,) or (5,). Batched over scenarios they become (B, 2), (B, 5):
-the compiler then makes dozens of small kernels of different shapes out of one step. Rewritten so that every number is
-an array of its own, all of them have the shape (B,) and the step becomes one kernel. The arithmetic is the same.
+A step of the closed loop works on arrays of shape (2,), (3,) or (5,). Batched over scenarios they become (B, 2) or
+(B, 5), and the compiler makes kernels of many shapes out of one step, with reductions over short axes between them.
+Rewritten so that every number is an array of its own, all have the shape (B,) and fuse. The arithmetic is the same.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def split_tree(tree: Any) -> Any:
     return jax.tree.map(lambda x: list(split(x).ravel()), tree)
 
 
-def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[..., Any], Any, Any]:
+def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
     """`function` on trees of arrays, rewritten for trees of scalars as `split_tree` makes them.
 
     Args:

@@ -25,7 +25,7 @@ class Scenario:
     """Vehicle, actuators, disturbance, path and start; the paper's by default.
 
     `deadzone` holds one actuator for each channel that the plant names. `heading` None asks for the path's own reading
-    (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit` has diverged: it is latched there.
+    (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit` has diverged and is latched.
     """
 
     plant: Any = Decoupled()

@@ -70,7 +70,9 @@ class Rollout:
             raise ValueError(f"n_steps and control_every must be at least 1; got {n_steps} and {control_every}")
         if set(scenario.deadzone) != set(scenario.plant.actuators):
             kind = type(scenario.plant).__name__
-            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {tuple(scenario.deadzone)}")
+            raise ValueError(
+                f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {tuple(scenario.deadzone)}"
+            )
         self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
         self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
         self.dt = jnp.asarray(dt, self.dtype)
@@ -95,7 +97,7 @@ class Rollout:
         return loop.Signals(time=t, reference=ref, disturbance=value)
 
     def table(self, first: Any, steps: int) -> Any:
-        """Time-only signals of `steps` steps from number `first`: t = step index * dt, at the nodes of the integrator."""
+        """Time-only signals of `steps` steps from number `first`: t = index * dt, at the nodes of the integrator."""
         index = first + jnp.arange(steps)
         nodes = jnp.array(self.integrator.nodes, self.dtype)
         t = (index[:, None].astype(self.dtype) + nodes) * self.dt
@@ -226,7 +228,9 @@ def simulate(
         ValueError: `n_steps` is no positive multiple of `save_every`, or the scenario's actuators are not the plant's.
     """
     if save_every < 1 or n_steps % save_every:
-        raise ValueError(f"n_steps must be a positive multiple of save_every; got n_steps={n_steps}, save_every={save_every}")
+        raise ValueError(
+            f"n_steps must be a positive multiple of save_every; got n_steps={n_steps}, save_every={save_every}"
+        )
     rollout = Rollout(
         controller,
         scenario,

@@ -1,4 +1,4 @@
-"""Compiler options that make the rollout several times faster on a CPU. Undocumented by XLA, so probed, never assumed."""
+"""Compiler options that make rollouts several times faster on a CPU; undocumented by XLA, so probed, never assumed."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ TRIED = ((0, 8), (0, 12))  # jaxlib releases, from and to, on which these option
 
 @functools.cache
 def _accepted(flags: str) -> bool:
-    """Whether this jaxlib starts with these flags; an unknown one is asked in a process of its own: a refusal ends it."""
+    """Whether this jaxlib starts with these flags; an unknown one is asked in a process of its own."""
     release = tuple(int(part) for part in importlib.metadata.version("jaxlib").split(".")[:2])
     if TRIED[0] <= release <= TRIED[1] and flags in (FAST, REVERSE):
         return True
-    probe = [sys.executable, "-c", "import jax, jax.numpy as j; jax.jit(lambda x: x + 1)(j.ones(4)).block_until_ready()"]
+    probe = [
+        sys.executable,
+        "-c",
+        "import jax, jax.numpy as j; jax.jit(lambda x: x + 1)(j.ones(4)).block_until_ready()",
+    ]
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
     return subprocess.run(probe, env=environment, capture_output=True, check=False).returncode == 0
 
@@ -46,7 +50,9 @@ def tune_xla(*, reverse: bool = False) -> str:
     if "xla_backend_extra_options" in present:
         return "XLA_FLAGS already holds backend options; left as they are"
     if _started():
-        return "JAX has already started: its compiler options stay at their defaults and rollouts run several times slower"
+        return (
+            "JAX has already started: its compiler options stay at their defaults and rollouts run several times slower"
+        )
     combined = f"{present} {flags}".strip()
     if not _accepted(combined):
         return "this jaxlib refuses the fast compiler options; rollouts run at its defaults, several times slower"

@@ -1,7 +1,7 @@
 """How fast are batched rollouts? `evaluate` against the same loop written plainly: `python benchmarks/rollout.py`.
 
-Both run the default tuning ensemble, 12 s of RK4, one thread. Each lives in a process of its own, since compiler options
-belong to a process, and they take turns: what is reported is the median of the ratios of neighbouring runs.
+Both run the default tuning ensemble, 12 s of RK4, one thread. Each lives in a process of its own, since compiler
+options belong to a process, and they take turns: what is reported is the median of the ratios of neighbouring runs.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ def plain(controller: Any, scenario: Any) -> Any:
 
     def rate(flow: Any, t: Any) -> tuple[Any, Any]:
         ref = reference(scenario.path, scenario.heading, t)
-        return loop.derivative(controller, scenario, flow, held, loop.Signals(time=t, reference=ref, disturbance=scenario.disturbance(t)))
+        return loop.derivative(
+            controller, scenario, flow, held, loop.Signals(time=t, reference=ref, disturbance=scenario.disturbance(t))
+        )
 
     def step(carry: Any, k: Any) -> tuple[Any, None]:
         flow, total = carry
@@ -66,7 +68,9 @@ def plain(controller: Any, scenario: Any) -> Any:
         return (flow, total + jnp.sum(tracking_error(sample) ** 2)), None
 
     zero = jnp.zeros((), dtype)
-    first = loop.Signals(time=zero, reference=reference(scenario.path, scenario.heading, zero), disturbance=scenario.disturbance(zero))
+    first = loop.Signals(
+        time=zero, reference=reference(scenario.path, scenario.heading, zero), disturbance=scenario.disturbance(zero)
+    )
     flow, held = loop.start(controller, scenario, first)
     ends = jnp.sum(tracking_error(rate(flow, zero)[1]) ** 2)
     (flow, total), _ = jax.lax.scan(step, (flow, zero), jnp.arange(STEPS, dtype=dtype))
@@ -76,6 +80,8 @@ def plain(controller: Any, scenario: Any) -> Any:
 
 def serve(form: str, batch_size: int) -> None:
     """A worker: compile, then one timed run a line of input."""
+    if hasattr(os, "sched_setaffinity"):  # one thread; elsewhere the compiler may use several
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     run = contestant(form, batch_size)
     mean = float(run().mean())
     print(mean, flush=True)
@@ -114,9 +120,6 @@ def main() -> None:
 def _start(form: str, size: int) -> Any:
     environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
     command = [sys.executable, __file__, "--worker", form, str(size)]
-    if hasattr(os, "sched_setaffinity"):
-        one = f"import os,runpy,sys; os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}}); sys.argv = {command[1:]!r}; runpy.run_path({__file__!r}, run_name='__main__')"
-        command = [sys.executable, "-c", one]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True)
 
 

@@ -11,8 +11,12 @@ from collections.abc import Sequence
 def parser() -> argparse.ArgumentParser:
     """`agvjax simulate | tune`."""
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated")
-    common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, e.g. controller.k1=25")
+    common.add_argument(
+        "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
+    )
+    common.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, e.g. controller.k1=25"
+    )
     common.add_argument("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)")
     common.add_argument("--seed", type=int, help="seed of every random number")
     common.add_argument("--precision", type=int, choices=(32, 64), help="bits of a floating-point number")
@@ -20,7 +24,9 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="agvjax", description=__doc__.splitlines()[0] if __doc__ else None)
     top.description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
     commands = top.add_subparsers(dest="command", required=True)
-    commands.add_parser("simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures")
+    commands.add_parser(
+        "simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures"
+    )
     tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
     tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
     return top

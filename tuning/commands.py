@@ -17,11 +17,11 @@ from agvjax import plot
 
 from . import config as configuration
 from . import report, runs, startup
-from .config import Config
 from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds
 from .objective import Objective
 from .optimise import Progress, Tuner
+from .settings import Config, steps_of
 
 
 class RunFailed(Exception):
@@ -42,11 +42,17 @@ def simulate(arguments: argparse.Namespace) -> int:
     runs.write_npz(out / "trajectory.npz", arrays)
     runs.write_json(out / "metrics.json", _spoken(metrics))
     drawn = {"run": trajectory}
-    for name, figure in (("path", plot.path(drawn)), ("errors", plot.errors(drawn)), ("commands", plot.commands(drawn))):
+    for name, figure in (
+        ("path", plot.path(drawn)),
+        ("errors", plot.errors(drawn)),
+        ("commands", plot.commands(drawn)),
+    ):
         runs.write_figure(out / f"{name}.png", figure)
     _say(arguments, _metrics_table(metrics), f"written to {out}")
     if not trajectory.ok:
-        raise RunFailed(f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})")
+        raise RunFailed(
+            f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
+        )
     return 0
 
 
@@ -60,7 +66,9 @@ def tune(arguments: argparse.Namespace) -> int:
         try:
             progress = runs.load(out, progress)
         except ValueError as error:
-            raise agvjax.InputError([agvjax.Problem("--resume", str(out), f"a run with a whole checkpoint ({error})")]) from error
+            raise agvjax.InputError(
+                [agvjax.Problem("--resume", str(out), f"a run with a whole checkpoint ({error})")]
+            ) from error
     runs.write(out / "config.toml", configuration.dump(config))
     try:
         progress = _optimise(arguments, tuner, progress, out, config.tune.checkpoint_every)
@@ -101,7 +109,9 @@ def _new_folder(arguments: argparse.Namespace) -> Path:
             raise agvjax.InputError([agvjax.Problem("--out", name, rule)])
         runs.write(out / "config.toml", "")
     except OSError as error:
-        raise agvjax.InputError([agvjax.Problem("--out", name, f"a folder that can be written ({error.strerror})")]) from error
+        raise agvjax.InputError(
+            [agvjax.Problem("--out", name, f"a folder that can be written ({error.strerror})")]
+        ) from error
     return out
 
 
@@ -111,10 +121,14 @@ def _same_folder(arguments: argparse.Namespace, config: Config) -> Path:
     try:
         before = (out / "config.toml").read_text(encoding="utf-8")
     except OSError as error:
-        raise agvjax.InputError([agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]) from error
+        raise agvjax.InputError(
+            [agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]
+        ) from error
     old, new = before.splitlines(), configuration.dump(config).splitlines()
     if old and old != new:
-        changed = [f"was `{line}`" for line in old if line not in new] + [f"is `{line}`" for line in new if line not in old]
+        changed = [f"was `{line}`" for line in old if line not in new] + [
+            f"is `{line}`" for line in new if line not in old
+        ]
         rule = f"the run that these settings began; changed: {'; '.join(changed)}"
         raise agvjax.InputError([agvjax.Problem("--resume", str(out), rule)])
     return out
@@ -126,7 +140,7 @@ def _trajectory(config: Config, controller: Any, scenario: Any) -> agvjax.Trajec
         controller,
         scenario,
         dt=timing.dt,
-        n_steps=configuration.steps_of(timing.horizon, timing.dt),
+        n_steps=steps_of(timing.horizon, timing.dt),
         save_every=timing.save_every,
         control_every=timing.control_every,
         integrator=agvjax.INTEGRATORS[timing.integrator],
@@ -154,7 +168,7 @@ def _tuner(config: Config) -> tuple[Tuner, dict[str, float]]:
         free=free,
         objective=Objective(goal.metric, goal.mean, goal.worst, settings.limits, settings.penalty),
         dt=settings.dt,
-        n_steps=configuration.steps_of(config.simulate.horizon, settings.dt),
+        n_steps=steps_of(config.simulate.horizon, settings.dt),
         integrator=method,
         iterations=settings.iterations,
         optimizer=settings.optimizer,
@@ -173,13 +187,16 @@ def _tuner(config: Config) -> tuple[Tuner, dict[str, float]]:
 def _optimise(arguments: argparse.Namespace, tuner: Tuner, progress: Progress, out: Path, every: int) -> Progress:
     """Iterate with a bar; save now and then, at the end, and when interrupted."""
     names = tuner.free.names
-    _say(arguments, f"tuning {', '.join(names)} on {tuner.batch.size} scenarios; the first start compiles for some seconds")
+    _say(
+        arguments,
+        f"tuning {', '.join(names)} on {tuner.batch.size} scenarios; the first start compiles for some seconds",
+    )
     bar = tqdm(total=tuner.iterations, initial=progress.iteration, disable=arguments.quiet, unit="it", mininterval=0.5)
     try:
         while not tuner.finished(progress):
             progress = tuner.advance(progress)
-            row = dict(zip(("cost", "goal", "excess", "latched", "gradient"), progress.history[-1][1:6], strict=True))
-            notes = f"cost {row['cost']:.4f} best {progress.best[1]:.4f} |grad| {row['gradient']:.2g} latched {row['latched']:.0f}"
+            cost, _, _, latched, gradient = progress.history[-1][1:6]
+            notes = f"cost {cost:.4f} best {progress.best[1]:.4f} |grad| {gradient:.2g} latched {latched:.0f}"
             bar.set_postfix_str(notes, refresh=False)
             bar.update()
             if progress.iteration % every == 0:
@@ -213,12 +230,14 @@ def _conclude(
             _as_arrays(controller),
             both,
             dt=timing.dt,
-            n_steps=configuration.steps_of(timing.horizon, timing.dt),
+            n_steps=steps_of(timing.horizon, timing.dt),
             control_every=timing.control_every,
             integrator=agvjax.INTEGRATORS[timing.integrator],
         )
         parts = {"tuning": slice(None, sizes.size), "validation": slice(sizes.size, None)}
-        judged[label] = {k: report.judge(jax.tree.map(lambda x, p=p: np.asarray(x)[p], metrics)) for k, p in parts.items()}
+        judged[label] = {
+            k: report.judge(jax.tree.map(lambda x, p=p: np.asarray(x)[p], metrics)) for k, p in parts.items()
+        }
     scenes = {"nominal": config.scenario, "worst": unseen[judged["after"]["validation"].worst_index]}
     titles = {"nominal": "nominal scenario", "worst": "validation scenario with the largest error of the tuned gains"}
     for name, scene in scenes.items():
@@ -246,7 +265,9 @@ def _spoken(metrics: agvjax.Metrics) -> dict[str, Any]:
             continue
         values = np.asarray(getattr(metrics, field.name)).tolist()
         if field.name == "settling_time":
-            values = [v if s else "not settled" for v, s in zip(values, np.asarray(metrics.settled).tolist(), strict=True)]
+            values = [
+                v if s else "not settled" for v, s in zip(values, np.asarray(metrics.settled).tolist(), strict=True)
+            ]
         spoken[field.name] = dict(zip(plot.CHANNELS, values, strict=True))
     names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
     return spoken | {name: float(getattr(metrics, name)) for name in names}

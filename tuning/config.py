@@ -17,16 +17,11 @@ import numpy as np
 import tomli_w
 
 import agvjax
-from agvjax._pytree import NONNEGATIVE, POSITIVE, Rule, number
 from agvjax.leaves import children
 
-from .ensemble import Between, Draw, Times, default_draws
+from .ensemble import Between, Draw, Times
 from .objective import METRICS
-from .optimise import find_optimizer
-
-VERSION = 1  # of this file format
-COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
-WHOLE = Rule("a whole number >= 0", lambda x: (x >= 0) & (x == np.round(x)))
+from .settings import CHOICES, VERSION, Config, problems
 
 CLASSES: dict[str, dict[str, Any]] = {
     "controller": {"neuro_backstepping": agvjax.NeuroBackstepping},
@@ -54,74 +49,6 @@ CLASSES: dict[str, dict[str, Any]] = {
         "cosine_sum": agvjax.CosineSum,
     },
 }
-CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
-CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Simulate:
-    """How `agvjax simulate` steps, and how validation does."""
-
-    dt: float = number(1e-3, "s", POSITIVE, "reading R10")
-    horizon: float = number(12.0, "s", POSITIVE, "reading R10")
-    integrator: str = "rk4"
-    save_every: int = number(1, "steps", COUNT)
-    control_every: int = number(1, "steps", COUNT)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Ensemble:
-    """The scenarios to tune on and to validate on."""
-
-    size: int = number(64, "1", COUNT)
-    validation_size: int = number(256, "1", COUNT)
-    draws: dict[str, Draw] = dataclasses.field(default_factory=default_draws)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Goal:
-    """Minimise the mean and the worst of a metric, each relative to the starting gains'."""
-
-    metric: str = "rmse"
-    mean: float = number(1.0, "1", NONNEGATIVE)
-    worst: float = number(0.3, "1", NONNEGATIVE)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Tune:
-    """The tuning problem and its solution; the step is coarser than for validation, at a tenth of a percent in the cost."""
-
-    gains: tuple[str, ...] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
-    bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    goal: Goal = Goal()
-    limits: dict[str, float] = dataclasses.field(
-        default_factory=lambda: {"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0}
-    )
-    penalty: float = number(3.0, "1", NONNEGATIVE)
-    dt: float = number(5e-3, "s", POSITIVE)
-    integrator: str = "rk4"
-    gradient: str = "forward"
-    optimizer: str = "adam"
-    options: dict[str, Any] = dataclasses.field(default_factory=dict)
-    learning_rate: float = number(0.1, "1", POSITIVE)
-    iterations: int = number(300, "1", COUNT)
-    patience: int = number(100, "iterations", COUNT)
-    clip: float = number(10.0, "norm of the gradient", POSITIVE)
-    checkpoint_every: int = number(10, "iterations", COUNT)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Config:
-    """Everything a command needs to know."""
-
-    version: int = VERSION
-    seed: int = number(0, "1", WHOLE)
-    precision: int = 64
-    controller: Any = agvjax.NeuroBackstepping()
-    scenario: Any = dataclasses.field(default_factory=agvjax.Scenario)
-    simulate: Simulate = Simulate()
-    ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
-    tune: Tune = dataclasses.field(default_factory=Tune)
 
 
 class _Reader:
@@ -131,7 +58,9 @@ class _Reader:
         self.problems: list[agvjax.Problem] = []
 
     def wrong(self, key: str, value: Any, rule: str, source: str = "") -> None:
-        self.problems.append(agvjax.Problem(key, value if isinstance(value, (int, float)) else repr(value), rule, source))
+        self.problems.append(
+            agvjax.Problem(key, value if isinstance(value, (int, float)) else repr(value), rule, source)
+        )
 
     def unknown(self, key: str, value: Any, known: Sequence[str]) -> None:
         name = key.rpartition(".")[2]
@@ -214,14 +143,14 @@ class _Reader:
                 self.wrong(key, given, "a list of names")
                 return default
             return tuple(given)
-        array = np.asarray(given) if isinstance(given, (int, float, list)) and not isinstance(given, bool) else np.array("")
-        if array.dtype.kind not in "if":
-            self.wrong(key, given, "a number")
+        array = _numbers(given)
+        if array is None:
+            self.wrong(key, given, "a number" if np.ndim(default) == 0 else "a number or a list of numbers")
             return default
         if array.ndim:
             return array.astype(float)
-        whole = isinstance(default, int) and np.isfinite(given) and given == int(given)
-        return int(given) if whole else given
+        whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
+        return int(array) if whole else given
 
     def draws(self, key: str, given: Any) -> dict[str, Draw]:
         kinds = {"between": Between, "times": Times}
@@ -230,11 +159,12 @@ class _Reader:
             self.wrong(key, given, "a table")
             return found
         for name, draw in _flat(given, kinds):
-            pair = next(iter(draw.values())) if isinstance(draw, Mapping) and len(draw) == 1 and set(draw) <= set(kinds) else None
-            if not _is_pair(pair):
-                self.wrong(f"{key}.{name}", draw, "{ between = [low, high] } or { times = [low, high] } with low <= high")
+            kind, pair = next(iter(draw.items())) if isinstance(draw, Mapping) and len(draw) == 1 else ("", [])
+            if kind not in kinds or not _is_pair(pair):
+                rule = "{ between = [low, high] } or { times = [low, high] } with low <= high"
+                self.wrong(f"{key}.{name}", draw, rule)
             else:
-                found[name] = kinds[next(iter(draw))](float(pair[0]), float(pair[1]))
+                found[name] = kinds[kind](float(pair[0]), float(pair[1]))
         return found
 
     def bounds(self, key: str, given: Any) -> dict[str, tuple[float, float]]:
@@ -247,9 +177,20 @@ class _Reader:
         return {name: (float(p[0]), float(p[1])) for name, p in given.items() if _is_pair(p)}
 
 
+def _numbers(given: Any) -> np.ndarray | None:
+    """A number or a regular list of numbers as an array; None for anything else."""
+    if isinstance(given, bool) or not isinstance(given, (int, float, list)):
+        return None
+    try:
+        array = np.asarray(given)
+    except ValueError:  # a list of unequal lists
+        return None
+    return array if array.dtype.kind in "if" else None
+
+
 def _is_pair(pair: Any) -> bool:
-    numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, (int, float)) for x in pair)
-    return numbers and bool(pair[0] <= pair[1])
+    array = _numbers(pair) if isinstance(pair, list) else None
+    return array is not None and array.shape == (2,) and bool(array[0] <= array[1])
 
 
 def _flat(table: Mapping[str, Any], ends: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
@@ -277,58 +218,18 @@ def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
         _merge(table, _override(text))
     version = table.get("version", VERSION)
     if version != VERSION:
-        raise agvjax.InputError([agvjax.Problem("version", repr(version), f"{VERSION}, the file format of this release")])
+        raise agvjax.InputError(
+            [agvjax.Problem("version", repr(version), f"{VERSION}, the file format of this release")]
+        )
     reader = _Reader()
     config = reader.fields("", Config(), table)
-    found = reader.problems + _rules(config)
+    found = reader.problems + problems(config)
     if found:
         raise agvjax.InputError(found)
     return config
 
 
-def _rules(config: Config) -> list[agvjax.Problem]:
-    """What can only be said of the whole."""
-    found = agvjax.problems(config)
-    if config.precision not in (32, 64):
-        found.append(agvjax.Problem("precision", config.precision, "32 or 64"))
-    known = agvjax.leaves(config.controller)
-    for name in (*config.tune.gains, *config.tune.bounds):
-        if name not in known:
-            found.append(agvjax.Problem("tune.gains", name, f"leaves of the controller: {', '.join(known)}"))
-    leaves = agvjax.leaves(config.scenario)
-    for name in config.ensemble.draws:
-        if name not in leaves:
-            near = difflib.get_close_matches(name, leaves, 1, 0.5)
-            hint = f"; did you mean {near[0]}?" if near else f": {', '.join(leaves)}"
-            found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
-    try:
-        find_optimizer(config.tune.optimizer)(1.0, **config.tune.options)
-    except (KeyError, TypeError) as error:
-        rule = f"an optimiser of optax that takes a learning rate, and options that it knows ({error})"
-        found.append(agvjax.Problem("tune.optimizer", config.tune.optimizer, rule))
-    for name, limit in config.tune.limits.items():
-        if not (np.isfinite(limit) and limit > 0):
-            found.append(agvjax.Problem(f"tune.limits.{name}", limit, "finite and > 0, a ratio to the starting gains"))
-    if not found:
-        for section, label in ((config.simulate, "simulate"), (config.tune, "tune")):
-            method = agvjax.INTEGRATORS[section.integrator]
-            steps = agvjax.step_problems(config.controller, section.dt, config.simulate.horizon, method)
-            found += [p._replace(key=f"{'simulate' if p.key == 'horizon' else label}.{p.key}") for p in steps]
-            count = config.simulate.horizon / section.dt
-            if not steps and abs(count - round(count)) > 1e-6 * count:
-                rule = f"a whole fraction of the horizon, {config.simulate.horizon:g} s"
-                found.append(agvjax.Problem(f"{label}.dt", section.dt, rule))
-        if not found and steps_of(config.simulate.horizon, config.simulate.dt) % config.simulate.save_every:
-            found.append(agvjax.Problem("simulate.save_every", config.simulate.save_every, "a divisor of the number of steps"))
-    return list(dict.fromkeys(found))
-
-
-def steps_of(horizon: float, dt: float) -> int:
-    """Number of steps."""
-    return round(horizon / dt)
-
-
-def _override(text: str) -> dict[str, Any]:
+def _override(text: str) -> Any:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise agvjax.InputError([agvjax.Problem("--set", repr(text), "key=value")])
@@ -351,14 +252,16 @@ def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
 
 def dump(config: Config) -> str:
     """The resolved configuration as TOML; `load` reads it back to the same."""
-    return tomli_w.dumps(_table("", config))
+    return tomli_w.dumps(_fields("", config))
 
 
 def _table(key: str, value: Any) -> Any:
     if isinstance(value, (Between, Times)):
         return {type(value).__name__.lower(): list(value)}
     if key in CLASSES:
-        kind = next(n for n, c in CLASSES[key].items() if (c is None and value is None) or (c is not None and type(value) is c))
+        kind = next(
+            n for n, c in CLASSES[key].items() if (c is None and value is None) or (c is not None and type(value) is c)
+        )
         fields = {} if value is None else _fields(key, value)
         return {"type": kind, **fields} if fields else kind
     if dataclasses.is_dataclass(value):
@@ -373,11 +276,15 @@ def _table(key: str, value: Any) -> Any:
 
 def _fields(key: str, value: Any) -> dict[str, Any]:
     parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-    named = {n: _table(f"{key}.{n}" if key else n, p) for n, p in parts.items() if p is not None or f"{key}.{n}" in CLASSES}
+    named = {
+        n: _table(f"{key}.{n}" if key else n, p) for n, p in parts.items() if p is not None or f"{key}.{n}" in CLASSES
+    }
     return named
 
 
 def gains_table(controller: Any) -> str:
     """`gains.toml`: the scalar gains of a controller, which `--config` reads back."""
-    scalars = {n: float(x) for n, x in children(controller).items() if not dataclasses.is_dataclass(x) and np.ndim(x) == 0}
+    scalars = {
+        n: float(x) for n, x in children(controller).items() if not dataclasses.is_dataclass(x) and np.ndim(x) == 0
+    }
     return tomli_w.dumps({"version": VERSION, "controller": scalars})

@@ -48,7 +48,11 @@ class Free(NamedTuple):
             if not low < value < high:
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
                 source = "stability condition, eqs. (48), (52), (70), for the smallest slope in the ensemble"
-                found.append(agvjax.Problem(f"controller.{name}", value, rule, source if name in ("k1", "k2", "k3") else "bounds"))
+                found.append(
+                    agvjax.Problem(
+                        f"controller.{name}", value, rule, source if name in ("k1", "k2", "k3") else "bounds"
+                    )
+                )
         return found
 
 
@@ -56,7 +60,8 @@ def smallest_slopes(scenario: Any, draws: Mapping[str, Draw]) -> tuple[float, fl
     """Pi_min of position and heading: the smallest slopes that occur in the ensemble."""
     sides = ("slope_right", "slope_left")
     position, heading = (
-        min(lowest(scenario, draws, f"deadzone.{channel}.{side}") for side in sides) for channel in ("position", "heading")
+        min(lowest(scenario, draws, f"deadzone.{channel}.{side}") for side in sides)
+        for channel in ("position", "heading")
     )
     return position, heading
 

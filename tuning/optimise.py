@@ -60,7 +60,9 @@ class Tuner:
     def chain(self) -> optax.GradientTransformation:
         """Clipping, then the optimiser with a cosine decay of its learning rate over the run."""
         schedule = optax.cosine_decay_schedule(self.learning_rate, max(1, self.iterations))
-        return optax.chain(optax.clip_by_global_norm(self.clip), find_optimizer(self.optimizer)(schedule, **self.options))
+        return optax.chain(
+            optax.clip_by_global_norm(self.clip), find_optimizer(self.optimizer)(schedule, **self.options)
+        )
 
     def values(self, z: Any) -> tuple[Any, Any]:
         """The metrics that matter of every scenario (M, B), and which runs are worth having (B,)."""
@@ -87,12 +89,14 @@ class Tuner:
         start = self.free.coordinates(self.controller)
         values, ok = self.push(start)[:2] if self.gradient == "forward" else jax.jit(self.values)(start)
         if not np.any(ok):
-            raise RuntimeError(f"every one of the {self.batch.size} runs diverges with the starting gains: nothing to tune from")
+            raise RuntimeError(
+                f"every one of the {self.batch.size} runs diverges with the starting gains: nothing to tune from"
+            )
         return self.objective.reference(values, ok)
 
     @functools.cached_property
     def gradient_of(self) -> Callable[[Any], tuple[Score, Any]]:
-        """z -> score and the gradient of its cost, by the mode of `gradient`."""
+        """Z -> score and the gradient of its cost, by the mode of `gradient`."""
         reference = self.reference
 
         def cost_of(values: Any, ok: Any) -> tuple[Any, Score]:

@@ -44,7 +44,10 @@ def judge(metrics: agvjax.Metrics) -> Judged:
 
 def comparison(before: Judged, after: Judged) -> str:
     """Before, after and their ratio, as a Markdown table."""
-    rows = ["| metric | unit | mean before | after | ratio | worst before | after | ratio |", "|---|---|---|---|---|---|---|---|"]
+    rows = [
+        "| metric | unit | mean before | after | ratio | worst before | after | ratio |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for name in SHOWN:
         cells = [name, UNITS[name]]
         for old, new in ((before.mean[name], after.mean[name]), (before.worst[name], after.worst[name])):
@@ -60,7 +63,10 @@ def unmet(before: Judged, after: Judged, limits: Mapping[str, float]) -> list[st
     for name, limit in limits.items():
         if name not in SHOWN:
             continue
-        for what, old, new in (("mean", before.mean[name], after.mean[name]), ("worst", before.worst[name], after.worst[name])):
+        for what, old, new in (
+            ("mean", before.mean[name], after.mean[name]),
+            ("worst", before.worst[name], after.worst[name]),
+        ):
             if new / old > limit + FEASIBLE:
                 found.append(f"{what} {name} is {new / old:.4f} of the starting gains', limit {limit:g}")
     return found
@@ -132,9 +138,9 @@ def page(
     met = "All limits are met on the tuning scenarios." if not over else "**Limits not met:** " + "; ".join(over) + "."
     latched = sum(row[HISTORY.index("latched")] > 0 for row in progress.history)
     counts = (
-        f"{progress.iteration} iterations of {settings.optimizer}, best at {progress.best_iteration}; {latched} of them with"
-        f" diverged runs, {progress.clipped} gradients clipped to norm {settings.clip:g}, {progress.skipped} iterations"
-        f" skipped because the gradient was not finite."
+        f"{progress.iteration} iterations of {settings.optimizer}, best at {progress.best_iteration}; {latched} of them"
+        f" with diverged runs, {progress.clipped} gradients clipped to norm {settings.clip:g},"
+        f" {progress.skipped} iterations skipped because the gradient was not finite."
     )
     validation = comparison(before["validation"], after["validation"])
     tuning = comparison(before["tuning"], after["tuning"])

@@ -31,7 +31,7 @@ def write(path: Path, data: str | bytes) -> None:
 def write_npz(path: Path, arrays: dict[str, Any]) -> None:
     """Arrays under their names, without pickle."""
     buffer = io.BytesIO()
-    np.savez(buffer, **{name: np.asarray(value) for name, value in arrays.items()})
+    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
     write(path, buffer.getvalue())
 
 
@@ -111,5 +111,7 @@ def load(folder: Path, fresh: Progress) -> Progress:
 
 def _same(saved: np.ndarray, like: Any) -> Any:
     if saved.shape != np.shape(like) or saved.dtype != like.dtype:
-        raise ValueError(f"it holds an array {saved.dtype}{saved.shape} where the problem has {like.dtype}{np.shape(like)}")
+        raise ValueError(
+            f"it holds an array {saved.dtype}{saved.shape} where the problem has {like.dtype}{np.shape(like)}"
+        )
     return jax.numpy.asarray(saved)

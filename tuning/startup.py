@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -61,6 +62,7 @@ def _key(settings: str) -> str:
     for package in (Path(agvjax.__file__).parent, Path(__file__).parent):
         for source in sorted(package.rglob("*.py")):
             digest.update(source.read_bytes())
-    state = (jax.__version__, jax.lib.__version__, os.environ.get("XLA_FLAGS"), jax.config.jax_enable_x64, settings)
+    versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib", "optax")]
+    state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), settings)
     digest.update(repr(state).encode())
     return digest.hexdigest()[:32]

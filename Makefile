@@ -1,0 +1,66 @@
+# Everything runs in .venv, made on first use with nothing but Python 3.11 or newer: `make help` lists the targets.
+# The tests import the installed package, not the source tree; a changed source is installed again first.
+
+PYTHON ?= python3
+JOBS ?= 2
+OUT ?=
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
+
+.DEFAULT_GOAL := help
+.PHONY: help tune dev test slow check lint types notebooks format clean
+
+help: ## this list
+	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
+	@echo "Variables: PYTHON=$(PYTHON) OUT=$(OUT) JOBS=$(JOBS) ARGS=\"$(ARGS)\""
+
+tune: $(VENV)/.installed ## tune the gains of the paper's controller; results in runs/tune-TIME, or in OUT; more options in ARGS
+	$(BIN)/agvjax tune $(if $(OUT),--out $(OUT)) $(ARGS)
+
+dev: $(VENV)/.installed-dev ## .venv with the package and the tools for development
+
+test: $(VENV)/.installed-dev ## quick tests, JOBS at a time; more options in ARGS
+	$(BIN)/pytest -n $(JOBS) $(ARGS)
+
+slow: $(VENV)/.installed-dev ## the tests left out of `make test`
+	$(BIN)/pytest -n $(JOBS) -m slow $(ARGS)
+
+check: lint types notebooks ## lint, format, types, notebooks
+
+lint: $(VENV)/.installed-dev ## ruff, and no outputs in the notebooks; `make format` mends most of it
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/nbstripout --verify notebooks/*.ipynb
+
+types: $(VENV)/.installed-dev ## pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+notebooks: $(VENV)/.installed-dev ## run every notebook from start to end
+	$(BIN)/pytest --nbmake notebooks/
+
+format: $(VENV)/.installed-dev ## mend what ruff and nbstripout can mend by themselves
+	$(BIN)/ruff check --fix --exit-zero --quiet
+	$(BIN)/ruff format
+	$(BIN)/nbstripout notebooks/*.ipynb
+
+clean: ## remove .venv and caches; runs/ stays
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+	find agvjax tuning tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.made:
+	@command -v $(PYTHON) >/dev/null || { echo "'$(PYTHON)' not found; name a Python 3.11 or newer: make PYTHON=/path/to/python3 $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "agvjax needs Python 3.11 or newer, '$(PYTHON)' is $$($(PYTHON) --version 2>&1); name another: make PYTHON=/path/to/python3 $(MAKECMDGOALS)" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.made $(SOURCES)
+	$(PIP) install .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.made $(SOURCES)
+	$(PIP) install '.[dev]'
+	@touch $(VENV)/.installed $@
