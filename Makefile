@@ -34,7 +34,7 @@ check: lint types notebooks ## lint, format, types, notebooks
 lint: $(VENV)/.installed-dev ## ruff, and no outputs in the notebooks; `make format` mends most of it
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/nbstripout --verify notebooks/*.ipynb
+	$(BIN)/nbstripout --keep-id --verify notebooks/*.ipynb
 
 types: $(VENV)/.installed-dev ## pyright
 	$(BIN)/pyright --pythonpath $(BIN)/python
@@ -45,7 +45,7 @@ notebooks: $(VENV)/.installed-dev ## run every notebook from start to end
 format: $(VENV)/.installed-dev ## mend what ruff and nbstripout can mend by themselves
 	$(BIN)/ruff check --fix --exit-zero --quiet
 	$(BIN)/ruff format
-	$(BIN)/nbstripout notebooks/*.ipynb
+	$(BIN)/nbstripout --keep-id notebooks/*.ipynb
 
 clean: ## remove .venv and caches; runs/ stays
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis

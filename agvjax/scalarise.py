@@ -89,7 +89,7 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 }
 
 
-def _apply(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
+def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers]) -> list[Numbers]:
     name, params = equation.primitive.name, equation.params
     if name in ELEMENTWISE:
         return [_each(lambda *x: equation.primitive.bind(*x, **params), inputs)]
@@ -99,13 +99,14 @@ def _apply(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
         inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
         return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs)
 
-    return [split(x) for x in _whole(equation)(*(join(x) for x in inputs))]
+    return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 
-def _whole(equation: Any) -> Callable[..., list[Any]]:
-    """Any other equation as it stands, on whole arrays: a jaxpr of its own keeps custom derivatives."""
+def _whole(equation: Any, jaxpr: Any) -> Callable[..., list[Any]]:
+    """Any other equation as it stands, on whole arrays: run from a jaxpr of its own it keeps custom derivatives."""
     inputs = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
-    alone = core.Jaxpr([], inputs, equation.outvars, [equation.replace(invars=inputs)], equation.effects)
+    names = {"constvars": [], "invars": inputs, "outvars": equation.outvars, "eqns": [equation.replace(invars=inputs)]}
+    alone = jaxpr.replace(**names, effects=equation.effects)
     return core.jaxpr_as_fun(core.ClosedJaxpr(alone, []))
 
 
@@ -116,7 +117,7 @@ def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers])
         return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
 
     for equation in jaxpr.eqns:
-        known |= zip(equation.outvars, _apply(equation, [read(v) for v in equation.invars]), strict=True)
+        known |= zip(equation.outvars, _apply(equation, jaxpr, [read(v) for v in equation.invars]), strict=True)
     return [read(v) for v in jaxpr.outvars]
 
 

@@ -1,7 +1,8 @@
 """Independent NumPy/SciPy reference of the paper's closed loop on the decoupled plant.
 
-Written from shared/SPEC.md and shared/paper.txt alone, to check the package against; it must never import it.
-Bare numbers are the paper's equations, R-numbers the readings of SPEC section 4. Every function of (t, s) takes one
+Written from the paper and from a written list of its readings alone, to check the package against; it must never
+import it.
+Bare numbers are the paper's equations, R-numbers the readings. Every function of (t, s) takes one
 state of shape (18,) or a trajectory of shape (n, 18) with t of shape (n,).
 """
 
