@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._pytree import pytree
 from .path import Reference
@@ -107,9 +108,22 @@ def _respond(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Si
     return once(response[3]) if plant.feedthrough else response
 
 
-def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held]:
-    """Continuous state and memory of a run that begins now."""
+def inside(scenario: Any, state: Any) -> Bool[Array, ""]:
+    """Whether a plant's state is within the scenario's limit; False for NaN too.
+
+    The vehicle alone is watched: whatever in the law diverges and matters drives it out.
+    """
+    return sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(state)), start=0.0) < scenario.limit**2
+
+
+def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held, Bool[Array, ""]]:
+    """Continuous state and memory of a run that begins now, and whether it begins within the limit.
+
+    A run that does not is latched at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
+    """
     plant, state = scenario.plant, scenario.plant.start(scenario.start)
+    ok = inside(scenario, state)
+    state = jax.tree.map(lambda x: jnp.where(ok, x, 0.0), state)
     measurement = plant.output(state, {name: jnp.zeros_like(state.heading) for name in plant.actuators})
     sensed = _hold(scenario.sensor, measurement)
     if scenario.sensor is not None:
@@ -122,7 +136,7 @@ def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held]
     flows = {name: a.init(inputs[name]) if hasattr(a, "init") else () for name, a in actuators.items()}
     memories = {name: _hold(a, inputs[name]) for name, a in actuators.items()}
     flow = Flow(plant=state, actuators=flows, controller=law)
-    return flow, Held(plant=_hold(plant, state), actuators=memories, controller=memory, sensor=sensed)
+    return flow, Held(plant=_hold(plant, state), actuators=memories, controller=memory, sensor=sensed), ok
 
 
 def jump(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Signals, h: Float[Array, ""]) -> Held:

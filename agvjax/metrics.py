@@ -83,7 +83,7 @@ class Criteria:
 
     band: float = number(0.05, "m, m, rad; or a fraction of the first error where relative", POSITIVE, "reading R10")
     relative: bool = structure(False)
-    late: float = number(4.0, "s", NONNEGATIVE, "SPEC: RMSE after 4 s")
+    late: float = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
 
     def weights(self, t: Float[Array, ""], dt: Float[Array, ""], end: Float[Array, ""]) -> tuple[Any, Any]:

@@ -24,7 +24,7 @@ class RadialBasis:
         return jnp.sum(jnp.exp(2 * self._exponent(chi)))
 
     def _exponent(self, chi: Float[Array, "*q"]) -> Float[Array, " N"]:
-        offset = jnp.atleast_1d(chi)[:, None] - self.centers
+        offset = jnp.atleast_1d(chi)[:, None] - jnp.asarray(self.centers)[None, :]
         return jnp.sum(offset**2, axis=0) * (
             -1 / self.width
         )  # the reciprocal leaves the hot loop, a division would not

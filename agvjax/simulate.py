@@ -100,16 +100,16 @@ class Rollout:
         """Time-only signals of `steps` steps from number `first`: t = index * dt, at the nodes of the integrator."""
         index = first + jnp.arange(steps)
         nodes = jnp.array(self.integrator.nodes, self.dtype)
-        t = (index[:, None].astype(self.dtype) + nodes) * self.dt
+        t = (index[:, None].astype(self.dtype) + nodes[None, :]) * self.dt
         return index, t, jax.vmap(jax.vmap(self.time_only))(t), jax.vmap(self.weights)(t[:, 0])
 
     def begin(self) -> Carry:
         """The first carry."""
         t = jnp.zeros((), self.dtype)
         signals = self.signals(t, self.time_only(t))
-        flow, held = loop.start(self.controller, self.scenario, signals)
+        flow, held, ok = loop.start(self.controller, self.scenario, signals)
         sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
-        return Carry(flow=flow, held=held, ok=jnp.array(True), meter=self.meter.start(sample))
+        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.start(sample))
 
     def control(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
         """The memory in force at this step: renewed where it is a control instant."""
@@ -135,9 +135,7 @@ class Rollout:
             return loop.derivative(self.controller, self.scenario, flow, held, signal)
 
         flow, sample = self.integrator.advance(rate, carry.flow, self.dt, signals)
-        # The vehicle alone is watched: whatever in the law diverges and matters drives it out. False for NaN too.
-        distance = sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(flow.plant))
-        ok = carry.ok & (distance < self.scenario.limit**2)
+        ok = carry.ok & loop.inside(self.scenario, flow.plant)
         flow, held = jax.tree.map(lambda new, old: jnp.where(ok, new, old), (flow, held), (carry.flow, carry.held))
         return Carry(flow=flow, held=held, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 

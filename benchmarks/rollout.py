@@ -71,7 +71,7 @@ def plain(controller: Any, scenario: Any) -> Any:
     first = loop.Signals(
         time=zero, reference=reference(scenario.path, scenario.heading, zero), disturbance=scenario.disturbance(zero)
     )
-    flow, held = loop.start(controller, scenario, first)
+    flow, held, _ = loop.start(controller, scenario, first)
     ends = jnp.sum(tracking_error(rate(flow, zero)[1]) ** 2)
     (flow, total), _ = jax.lax.scan(step, (flow, zero), jnp.arange(STEPS, dtype=dtype))
     ends += -jnp.sum(tracking_error(rate(flow, STEPS * h)[1]) ** 2)  # the trapezoid: half of either end

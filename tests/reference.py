@@ -25,7 +25,7 @@ PATH_RATES = np.array([2.0 * THETA_RATE, THETA_RATE])
 
 @dataclass(frozen=True)
 class Parameters:
-    """The paper's constants (SPEC sections 2 and 4) and the selectable readings."""
+    """The paper's constants (section 4) and the selectable readings."""
 
     k1: float = 20.0
     k2: float = 20.0

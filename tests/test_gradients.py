@@ -1,0 +1,129 @@
+"""Derivatives of a run: forward against reverse mode, and both against central differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from agvjax import Cosine, NeuroBackstepping, Scenario, batch, check, evaluate, leaves, replace, simulate
+
+GAINS = "k1 k2 k3 Lam Lam_psi omega_n zeta gamma1 gamma2 eta1 eta2 b1 b2".split()
+NUMBERS = "slope_right slope_left threshold_right threshold_left".split()
+DEADZONE = [f"deadzone.{channel}.{name}" for channel in ("position", "heading") for name in NUMBERS]
+N_STEPS = 1000
+# Where a derivative jumps: a command at a node of the integrator that crosses a threshold, wrap at +-pi, and the
+# metrics made with max or with a last time (peak, overshoot, settling). The costs below use none of these metrics; iae
+# has a kink where an error passes 0 at a sample. With a step of 1e-5 one node in 500 still changes its side within the
+# difference (4e-6 off); with 1e-6 none does, and rounding costs 3e-10 of the largest slope.
+STEP = 1e-6
+SHAKEN = Cosine(amplitude=np.array([0.2, 0.2, 3.0]), omega=6.0)  # within 1 s every deadzone number acts
+
+
+def cost(metrics):
+    return jnp.sum(metrics.rmse) + jnp.sum(metrics.iae) + 1e-3 * metrics.effort
+
+
+def at(logs):
+    """Controller and scenario whose named leaves are the defaults times exp(logs)."""
+    controller, scenario = check(NeuroBackstepping()), check(Scenario(disturbance=SHAKEN))
+    values = {name: (leaves(controller) | leaves(scenario))[name] * jnp.exp(x) for name, x in logs.items()}
+    gains = {name: values[name] for name in GAINS if name in values}
+    rest = {name: values[name] for name in DEADZONE if name in values}
+    return replace(controller, gains), replace(scenario, rest)
+
+
+@jax.jit
+def of_logs(x):
+    controller, scenario = at(dict(zip([*GAINS, *DEADZONE], x, strict=True)))
+    return cost(evaluate(controller, scenario, n_steps=N_STEPS))
+
+
+def central(function, x, step=STEP):
+    """Central differences along every coordinate."""
+    eye = np.eye(len(x)) * step
+    return np.array([(float(function(x + e)) - float(function(x - e))) / (2 * step) for e in eye])
+
+
+@pytest.fixture(scope="session")
+def forward():
+    return np.asarray(jax.jacfwd(of_logs)(jnp.zeros(len(GAINS) + len(DEADZONE))))
+
+
+def test_forward_mode_is_the_slope_of_the_cost(forward):
+    slope = central(of_logs, jnp.zeros(forward.size))
+    np.testing.assert_allclose(forward, slope, rtol=0, atol=1e-7 * np.abs(slope).max())
+    assert (forward != 0).all()
+    assert (np.abs(forward[[*range(7), *range(13, 21)]]) > 1e-5).all()  # all but the adaptation's, which hardly matter
+
+
+def test_reverse_mode_is_forward_mode(forward):
+    reverse = np.asarray(jax.grad(of_logs)(jnp.zeros(forward.size)))
+    np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-10 * np.abs(forward).max())
+
+
+def test_an_integer_gain_can_be_differentiated_after_check():
+    controller = check(NeuroBackstepping(k1=25))  # jax.grad refuses an integer
+
+    @jax.jit
+    def late(c):
+        run = simulate(c, Scenario(), n_steps=300)
+        return jnp.sum(run.position**2) * 1e-3 + jnp.sum(run.heading[100::50] ** 2)
+
+    gradient = jax.grad(late)(controller)
+    assert gradient.k1.dtype == jnp.float64
+
+    def along(step):
+        return late(replace(controller, {"k1": 25.0 + step}))
+
+    slope = (along(1e-4) - along(-1e-4)) / 2e-4
+    np.testing.assert_allclose(gradient.k1, slope, rtol=1e-6)
+    with pytest.raises(TypeError, match="int"):
+        jax.grad(late)(NeuroBackstepping(k1=25))
+
+
+@pytest.fixture(scope="session")
+def in_batch():
+    """A cost of gains and of the varying leaves of a batch of three, rolled out in blocks of two."""
+    headings = np.array([-0.4, 0.1, 0.9])
+    amplitudes = np.array([0.0, 0.2, 0.4])
+    limits = np.array([0.3, 0.5, 0.6])
+    weights = jnp.array([1.0, 2.0, 3.0])  # the rows must not be exchanged
+    names = ("deadzone.position.threshold_right", "disturbance.amplitude", "start.heading")
+
+    @jax.jit
+    def function(x):
+        controller = replace(NeuroBackstepping(), {"k1": 20 * jnp.exp(x[0]), "Lam_psi": 9 * jnp.exp(x[1])})
+        values = dict(zip(names, x[2:].reshape(3, 3), strict=True))
+        metrics = evaluate(controller, batch(Scenario(), values), n_steps=500, block=2)
+        return jnp.sum(weights * (jnp.sum(metrics.rmse, axis=-1) + 1e-3 * metrics.effort))
+
+    return function, jnp.concatenate([jnp.zeros(2), limits, amplitudes, headings])
+
+
+def test_gradient_of_a_batch_in_gains_and_in_its_own_leaves(in_batch):
+    function, x = in_batch
+    slope = central(function, x)
+    forward = np.asarray(jax.jacfwd(function)(x))
+    np.testing.assert_allclose(forward, slope, rtol=0, atol=1e-7 * np.abs(slope).max())
+    assert (np.abs(forward) > 1e-6).all()
+
+
+@pytest.mark.slow
+def test_reverse_mode_of_a_batch_is_forward_mode(in_batch):
+    function, x = in_batch
+    forward = np.asarray(jax.jacfwd(function)(x))
+    reverse = np.asarray(jax.grad(function)(x))
+    np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-10 * np.abs(forward).max())
+
+
+def test_evaluate_maps_over_controllers():
+    k1 = jnp.array([10.0, 20.0, 30.0])
+
+    def of_k1(value):
+        return evaluate(replace(NeuroBackstepping(), {"k1": value}), Scenario(), n_steps=500)
+
+    rows, single = jax.vmap(of_k1)(k1), jax.jit(of_k1)
+    for i, value in enumerate(k1):
+        for row, alone in zip(jax.tree.leaves(rows), jax.tree.leaves(single(value)), strict=True):
+            np.testing.assert_allclose(row[i], alone, rtol=1e-11, atol=1e-13)
+    assert len(set(np.asarray(rows.iae[:, 0]).round(6))) == 3
