@@ -23,6 +23,10 @@ class Integrator(NamedTuple):
     nodes: tuple[float, ...]
     advance: Callable[[Derivative, Any, Any, Any], tuple[Any, Any]]
 
+    def __str__(self) -> str:
+        """Its name, as in TOML."""
+        return self.name
+
     def amplification(self, z: complex) -> float:
         """|R(z)|, the factor by which one step scales a mode with eigenvalue z / h; stable up to 1."""
         term, total = 1.0 + 0j, 1.0 + 0j
