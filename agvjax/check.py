@@ -55,7 +55,7 @@ def _broken(key: str, value: Any, field: Any) -> list[Problem]:
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
         return [Problem(key, repr(value), f"a number, {rule.text}", source)]
     fits = array.shape == shape or (array.ndim == 1 and shape == (None,)) or (array.shape == () and shape != (None,))
-    if not fits:
+    if not fits or array.size == 0:
         wanted = "a number" if shape == () else f"an array of shape {shape}"
         return [Problem(key, f"shape {array.shape}", wanted, source)]
     if not np.all(np.isfinite(array)) or not np.all(rule.holds(array)):

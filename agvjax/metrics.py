@@ -37,12 +37,12 @@ class Metrics:
     @property
     def total_rmse(self) -> Float[Array, ""]:
         """sqrt(mean of e_x^2 + e_y^2 + e_psi^2), the error of the default tuning problem."""
-        return safe_sqrt(jnp.sum(self.rmse**2, axis=-1))
+        return self._root_of_sum(self.rmse)
 
     @property
     def effort(self) -> Float[Array, ""]:
         """sqrt(mean of u_x^2 + u_y^2 + omega_bar^2)."""
-        return safe_sqrt(jnp.sum(self.rms_command**2, axis=-1))
+        return self._root_of_sum(self.rms_command)
 
     @property
     def peak_position(self) -> Float[Array, ""]:
@@ -58,6 +58,11 @@ class Metrics:
     def total_chatter(self) -> Float[Array, ""]:
         """Sum of the total variations of the three commands."""
         return jnp.sum(self.chatter, axis=-1)
+
+    def _root_of_sum(self, parts: Float[Array, "3"]) -> Float[Array, ""]:
+        ok = jnp.asarray(self.ok)
+        finite = jnp.where(ok[..., None], parts, 0.0)  # the square of an infinite metric would have a slope of NaN
+        return jnp.where(ok, safe_sqrt(jnp.sum(finite**2, axis=-1)), jnp.inf)
 
 
 @pytree

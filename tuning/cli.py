@@ -35,18 +35,14 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code: 0 success, 1 a run that failed, 2 bad input, 130 interrupted."""
     arguments = parser().parse_args(argv)
-    from agvjax import InputError  # late: --help must not wait for JAX
-
-    from . import commands
-
     try:
-        return {"simulate": commands.simulate, "tune": commands.tune}[arguments.command](arguments)
-    except InputError as error:
-        print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
-        return 2
-    except commands.RunFailed as error:
-        print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
-        return 1
+        from . import commands  # late: --help must not wait for JAX
+
+        try:
+            return {"simulate": commands.simulate, "tune": commands.tune}[arguments.command](arguments)
+        except (commands.InputError, commands.RunFailed) as error:
+            print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
+            return 2 if isinstance(error, commands.InputError) else 1
     except KeyboardInterrupt:
         print(f"agvjax {arguments.command}: interrupted", file=sys.stderr)
         return 130

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import time
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 import agvjax
-from agvjax import plot
+from agvjax import InputError, plot
 
 from . import config as configuration
 from . import report, runs, startup
@@ -61,12 +62,15 @@ def tune(arguments: argparse.Namespace) -> int:
     config = _configure(arguments)
     tuner, stability = _tuner(config)
     out = _same_folder(arguments, config) if arguments.resume else _new_folder(arguments)
+    if tuner.gradient == "forward":
+        prepared = startup.traced(tuner.jacobian, configuration.dump(config), tuner.free.coordinates(config.controller))
+        tuner = dataclasses.replace(tuner, prepared=prepared)
     progress = tuner.begin()
     if (out / runs.CHECKPOINT).exists():
         try:
             progress = runs.load(out, progress)
         except ValueError as error:
-            raise agvjax.InputError(
+            raise InputError(
                 [agvjax.Problem("--resume", str(out), f"a run with a whole checkpoint ({error})")]
             ) from error
     runs.write(out / "config.toml", configuration.dump(config))
@@ -74,6 +78,8 @@ def tune(arguments: argparse.Namespace) -> int:
         progress = _optimise(arguments, tuner, progress, out, config.tune.checkpoint_every)
     except RuntimeError as error:
         raise RunFailed(str(error)) from error
+    if progress.skipped == progress.iteration:
+        raise RunFailed("no gradient was finite: not one step was taken")
     tuned = tuner.best(progress)
     _say(arguments, "judging on tuning and validation scenarios ...")
     return _conclude(arguments, config, tuner, progress, tuned, stability, out)
@@ -84,7 +90,7 @@ def _configure(arguments: argparse.Namespace) -> Config:
     overrides = list(arguments.set)
     overrides += [] if arguments.seed is None else [f"seed={arguments.seed}"]
     overrides += [] if arguments.precision is None else [f"precision={arguments.precision}"]
-    config = configuration.load(arguments.config, overrides)
+    config = configuration.load(arguments.config, overrides, arguments.command)
     jax.config.update("jax_enable_x64", config.precision == 64)
     startup.keep_compiled()
     said = agvjax.tune_xla(reverse=arguments.command == "tune" and config.tune.gradient == "reverse")
@@ -103,34 +109,32 @@ def _new_folder(arguments: argparse.Namespace) -> Path:
     out = Path(name)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if any(out.iterdir()):
-            rule = "a new or empty folder: this one holds a run; choose another"
-            rule += " or add --resume" if arguments.command == "tune" else ""
-            raise agvjax.InputError([agvjax.Problem("--out", name, rule)])
-        runs.write(out / "config.toml", "")
-    except OSError as error:
-        raise agvjax.InputError(
-            [agvjax.Problem("--out", name, f"a folder that can be written ({error.strerror})")]
-        ) from error
+        taken = any(out.iterdir())
+        if not taken:
+            runs.write(out / "config.toml", "")
+    except (OSError, ValueError) as error:
+        raise InputError([agvjax.Problem("--out", name, f"a folder that can be written ({error})")]) from error
+    if taken:
+        rule = "a new or empty folder: this one is not empty; choose another"
+        rule += ", or add --resume to go on with the run in it" if arguments.command == "tune" else ""
+        raise InputError([agvjax.Problem("--out", name, rule)])
     return out
 
 
 def _same_folder(arguments: argparse.Namespace, config: Config) -> Path:
     """The folder of the run to go on with; its settings must be these."""
-    out = Path(arguments.out or "")
+    out = Path(arguments.out or os.devnull)
     try:
         before = (out / "config.toml").read_text(encoding="utf-8")
-    except OSError as error:
-        raise agvjax.InputError(
-            [agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]
-        ) from error
+    except (OSError, ValueError) as error:
+        raise InputError([agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]) from error
     old, new = before.splitlines(), configuration.dump(config).splitlines()
     if old and old != new:
         changed = [f"was `{line}`" for line in old if line not in new] + [
             f"is `{line}`" for line in new if line not in old
         ]
         rule = f"the run that these settings began; changed: {'; '.join(changed)}"
-        raise agvjax.InputError([agvjax.Problem("--resume", str(out), rule)])
+        raise InputError([agvjax.Problem("--resume", str(out), rule)])
     return out
 
 
@@ -160,13 +164,13 @@ def _tuner(config: Config) -> tuple[Tuner, dict[str, float]]:
     free = Free(settings.gains, lower, upper)
     found = free.problems(config.controller)
     if found:
-        raise agvjax.InputError(found)
-    goal = settings.goal
+        raise InputError(found)
+    goal, limits = settings.goal, {name: limit for name, limit in settings.limits.items() if np.isfinite(limit)}
     tuner = Tuner(
         controller=config.controller,
         batch=sample(config.scenario, draws, config.ensemble.size, config.seed),
         free=free,
-        objective=Objective(goal.metric, goal.mean, goal.worst, settings.limits, settings.penalty),
+        objective=Objective(goal.metric, goal.mean, goal.worst, limits, settings.penalty),
         dt=settings.dt,
         n_steps=steps_of(config.simulate.horizon, settings.dt),
         integrator=method,
@@ -178,9 +182,11 @@ def _tuner(config: Config) -> tuple[Tuner, dict[str, float]]:
         patience=settings.patience,
         gradient=settings.gradient,
     )
-    if settings.gradient == "forward":
-        prepared = startup.traced(tuner.jacobian, configuration.dump(config), free.coordinates(config.controller))
-        tuner = dataclasses.replace(tuner, prepared=prepared)
+    try:
+        jax.eval_shape(tuner.try_update, free.coordinates(config.controller))
+    except Exception as error:  # optax and its optimisers raise whatever they meet
+        rule = f"an optimiser of optax that needs no more than a learning rate and these options ({error})"
+        raise InputError([agvjax.Problem("tune.optimizer", settings.optimizer, rule)]) from error
     return tuner, stability
 
 

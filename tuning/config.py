@@ -19,7 +19,7 @@ import tomli_w
 import agvjax
 from agvjax.leaves import children
 
-from .ensemble import Between, Draw, Times
+from .ensemble import Between, Draw, Times, default_draws
 from .objective import METRICS
 from .settings import CHOICES, VERSION, Config, problems
 
@@ -71,6 +71,9 @@ class _Reader:
         """The object at `key`: the default with what the table gives."""
         if key in CLASSES:
             return self.pick(key, default, given)
+        if default is None:
+            self.wrong(key, given, "absent: it can be set in Python only")
+            return default
         if key == "ensemble.draws":
             return self.draws(key, given)
         if key == "tune.bounds":
@@ -103,7 +106,7 @@ class _Reader:
             self.wrong(key, given, "a table or the name of a type")
             return default
         kind = given.get("type")
-        if kind is not None and kind not in classes:
+        if kind is not None and (not isinstance(kind, str) or kind not in classes):
             self.wrong(f"{key}.type", kind, f"one of {', '.join(classes)}")
             return default
         if kind is not None and (classes[kind] is None or not isinstance(default, classes[kind])):
@@ -124,7 +127,7 @@ class _Reader:
         if key == "tune.limits":
             for name in set(given) - set(METRICS):
                 self.unknown(f"{key}.{name}", given[name], tuple(METRICS))
-            return {name: self.scalar(f"{key}.{name}", 1.0, value) for name, value in given.items()}
+            return default | {name: self.scalar(f"{key}.{name}", 1.0, value) for name, value in given.items()}
         for name in set(given) - set(default):
             self.unknown(f"{key}.{name}", given[name], tuple(default))
         return {n: self.build(f"{key}.{n}", part, given[n]) if n in given else part for n, part in default.items()}
@@ -144,17 +147,19 @@ class _Reader:
                 return default
             return tuple(given)
         array = _numbers(given)
-        if array is None:
-            self.wrong(key, given, "a number" if np.ndim(default) == 0 else "a number or a list of numbers")
+        listed = key.startswith(("controller.", "scenario."))  # where a leaf may be an array its own rule says which
+        if array is None or (array.ndim and not listed):
+            self.wrong(key, given, "a number or a list of numbers" if listed else "a number")
             return default
         if array.ndim:
             return array.astype(float)
         whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
-        return int(array) if whole else given
+        return int(array) if whole else float(array)
 
     def draws(self, key: str, given: Any) -> dict[str, Draw]:
         kinds = {"between": Between, "times": Times}
         found: dict[str, Draw] = {}
+        before = len(self.problems)
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return found
@@ -165,7 +170,7 @@ class _Reader:
                 self.wrong(f"{key}.{name}", draw, rule)
             else:
                 found[name] = kinds[kind](float(pair[0]), float(pair[1]))
-        return found
+        return found if len(self.problems) == before else default_draws()
 
     def bounds(self, key: str, given: Any) -> dict[str, tuple[float, float]]:
         if not isinstance(given, Mapping):
@@ -183,9 +188,9 @@ def _numbers(given: Any) -> np.ndarray | None:
         return None
     try:
         array = np.asarray(given)
-    except ValueError:  # a list of unequal lists
+        return array.astype(float) if array.dtype.kind in "ifO" else None
+    except (ValueError, TypeError, OverflowError):  # unequal lists, strings among numbers, integers beyond any float
         return None
-    return array if array.dtype.kind in "if" else None
 
 
 def _is_pair(pair: Any) -> bool:
@@ -202,8 +207,8 @@ def _flat(table: Mapping[str, Any], ends: Mapping[str, Any], prefix: str = "") -
     return rows
 
 
-def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
-    """The defaults, then each file, then each `key=value`.
+def load(files: Sequence[str], overrides: Sequence[str], command: str = "tune") -> Config:
+    """The defaults, then each file, then each `key=value`; what only tuning needs is checked for `command` "tune".
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
@@ -211,8 +216,8 @@ def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
     table: dict[str, Any] = {}
     for name in files:
         try:
-            _merge(table, tomllib.loads(Path(name).read_text(encoding="utf-8")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            _merge(table, tomllib.loads(Path(name).read_text(encoding="utf-8-sig")))
+        except (OSError, ValueError, RecursionError) as error:
             raise agvjax.InputError([agvjax.Problem("--config", name, f"a readable TOML file ({error})")]) from error
     for text in overrides:
         _merge(table, _override(text))
@@ -223,7 +228,7 @@ def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
         )
     reader = _Reader()
     config = reader.fields("", Config(), table)
-    found = reader.problems + problems(config)
+    found = reader.problems + problems(config, command)
     if found:
         raise agvjax.InputError(found)
     return config
@@ -231,7 +236,7 @@ def load(files: Sequence[str], overrides: Sequence[str]) -> Config:
 
 def _override(text: str) -> Any:
     key, equals, value = text.partition("=")
-    if not equals or not key.strip():
+    if not equals or not key.strip() or "\n" in text:
         raise agvjax.InputError([agvjax.Problem("--set", repr(text), "key=value")])
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]

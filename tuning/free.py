@@ -47,12 +47,8 @@ class Free(NamedTuple):
             value = float(get(controller, name))
             if not low < value < high:
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
-                source = "stability condition, eqs. (48), (52), (70), for the smallest slope in the ensemble"
-                found.append(
-                    agvjax.Problem(
-                        f"controller.{name}", value, rule, source if name in ("k1", "k2", "k3") else "bounds"
-                    )
-                )
+                source = "its bounds and the stability conditions (48), (52), (70) for the smallest slope drawn"
+                found.append(agvjax.Problem(f"controller.{name}", value, rule, source))
         return found
 
 

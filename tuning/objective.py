@@ -74,7 +74,7 @@ class Objective(NamedTuple):
         """Cost and what it is made of."""
         ratios = self.ratios(values, ok, reference)
         goal = self.mean * ratios[0, 0] + self.worst * ratios[1, 0]
-        over = ratios[:, 1:] - jnp.asarray(list(self.limits.values()), ratios.dtype)
+        over = ratios[:, 1:] - jnp.asarray([list(self.limits.values())], ratios.dtype)
         excess = jnp.max(over, initial=-1.0)
         cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))
         return Score(cost=cost, goal=goal, excess=excess, latched=jnp.sum(~ok))

@@ -51,7 +51,7 @@ class Tuner:
     optimizer: str = "adam"
     learning_rate: float = 0.1
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # further arguments of the optax optimiser
-    clip: float = 10.0
+    clip: float = 1.0
     patience: int = 100
     gradient: str = "forward"
     prepared: Callable[[Any], tuple[Any, Any, Any]] | None = None  # `jacobian` of this very problem, compiled before
@@ -76,7 +76,7 @@ class Tuner:
         """Values, ok and slopes (K, M, B) at z: one rollout carries all tangents, memory flat in the horizon."""
         along = jax.vmap(lambda v: jax.jvp(self.values, (z,), (v,)), out_axes=((None, None), (0, None)))
         (values, ok), (slopes, _) = along(jnp.eye(z.size, dtype=z.dtype))
-        return values, ok, slopes
+        return values, ok, jnp.where(ok, slopes, 0.0)  # a run that diverged steers nothing
 
     @functools.cached_property
     def push(self) -> Callable[[Any], tuple[Any, Any, Any]]:
@@ -119,10 +119,15 @@ class Tuner:
         """gradient, optimiser state, z -> (z, state)."""
 
         def step(gradient: Any, state: Any, z: Any) -> tuple[Any, Any]:
-            change, state = self.chain.update(gradient, state, z)
-            return optax.apply_updates(z, change), state
+            with jax.numpy_dtype_promotion("standard"):  # optax counts in integers, whatever a process is strict about
+                change, state = self.chain.update(gradient, state, z)
+                return optax.apply_updates(z, change), state
 
         return jax.jit(step)
+
+    def try_update(self, z: Any) -> Any:
+        """One step along z itself, to see whether this optimiser can be driven by gradients alone."""
+        return self.update(z, self.chain.init(z), z)
 
     def begin(self) -> Progress:
         """Before the first iteration: the starting gains, which are also the best so far."""
@@ -168,6 +173,10 @@ class Tuner:
 def find_optimizer(name: str) -> Callable[..., Any]:
     """An optimiser of optax by its name; KeyError where there is none that takes a learning rate."""
     maker = getattr(optax, name, None) or getattr(optax.contrib, name, None)
-    if not callable(maker) or "learning_rate" not in inspect.signature(maker).parameters:
-        raise KeyError(name)
-    return maker
+    try:
+        known = inspect.signature(maker).parameters  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):
+        known = {}
+    if "learning_rate" not in known:
+        raise KeyError(f"optax has no optimiser {name} with a learning rate")
+    return maker  # pyright: ignore[reportReturnType]

@@ -90,9 +90,11 @@ def load(folder: Path, fresh: Progress) -> Progress:
     """
     path = folder / CHECKPOINT
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             saved = dict(file)
         leaves, treedef = jax.tree.flatten(fresh.optimiser)
+        if f"optimiser_{len(leaves)}" in saved:
+            raise ValueError("it is of another optimiser")
         state = [_same(saved[f"optimiser_{i}"], leaf) for i, leaf in enumerate(leaves)]
         return Progress(
             iteration=int(saved["iteration"]),

@@ -17,7 +17,8 @@ from .optimise import find_optimizer
 
 VERSION = 1  # of the file format
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
-WHOLE = Rule("a whole number >= 0", lambda x: (x >= 0) & (x == np.round(x)))
+WHOLE = Rule("a whole number from 0 to 2^53", lambda x: (x >= 0) & (x <= 2**53) & (x == np.round(x)))
+MOST_STEPS = 1e8
 CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
 CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
 
@@ -70,7 +71,7 @@ class Tune:
     learning_rate: float = number(0.1, "1", POSITIVE)
     iterations: int = number(300, "1", COUNT)
     patience: int = number(100, "iterations", COUNT)
-    clip: float = number(10.0, "norm of the gradient", POSITIVE)
+    clip: float = number(1.0, "norm of the gradient", POSITIVE)
     checkpoint_every: int = number(10, "iterations", COUNT)
 
 
@@ -93,40 +94,81 @@ def steps_of(horizon: float, dt: float) -> int:
     return round(horizon / dt)
 
 
-def problems(config: Config) -> list[agvjax.Problem]:
-    """What can only be said of the whole."""
+def problems(config: Config, command: str) -> list[agvjax.Problem]:
+    """What can only be said of the whole; what only tuning needs is asked for the command "tune"."""
     found = agvjax.problems(config)
     if config.precision not in (32, 64):
         found.append(agvjax.Problem("precision", config.precision, "32 or 64"))
-    known = agvjax.leaves(config.controller)
-    for name in (*config.tune.gains, *config.tune.bounds):
-        if name not in known:
-            found.append(agvjax.Problem("tune.gains", name, f"leaves of the controller: {', '.join(known)}"))
-    leaves = agvjax.leaves(config.scenario)
+    if isinstance(config.scenario.heading, agvjax.Bearing) and not hasattr(config.scenario.path, "bearing"):
+        rule = "tangent or a raw bearing: this path has no smooth bearing"
+        found.append(agvjax.Problem("scenario.heading", "bearing", rule, "reading R8"))
+    if not found:
+        found += _timing(config, "simulate", config.simulate)
+    if command == "tune":
+        found += _names(config)
+        if not found:
+            found += _timing(config, "tune", config.tune) + _boxes(config)
+    return list({str(problem): problem for problem in found}.values())
+
+
+def _timing(config: Config, label: str, section: Any) -> list[agvjax.Problem]:
+    horizon, dt = config.simulate.horizon, section.dt
+    found = agvjax.step_problems(config.controller, dt, horizon, agvjax.INTEGRATORS[section.integrator])
+    if found:
+        return [p._replace(key="simulate.horizon" if p.key == "horizon" else f"{label}.dt") for p in found]
+    count = horizon / dt
+    if count > MOST_STEPS:
+        return [
+            agvjax.Problem(f"{label}.dt", dt, f"at least {horizon / MOST_STEPS:.3g} s: at most {MOST_STEPS:.0g} steps")
+        ]
+    if abs(count - round(count)) > 1e-6 * count:
+        return [agvjax.Problem(f"{label}.dt", dt, f"a whole fraction of the horizon, {horizon:g} s")]
+    if label == "simulate" and round(count) % config.simulate.save_every:
+        rule = f"a divisor of the number of steps, {round(count)}"
+        return [agvjax.Problem("simulate.save_every", config.simulate.save_every, rule)]
+    return []
+
+
+def _names(config: Config) -> list[agvjax.Problem]:
+    """Names in the tuning problem that name nothing, and limits that limit nothing."""
+    tune, found = config.tune, []
+    gains, leaves = agvjax.leaves(config.controller), agvjax.leaves(config.scenario)
+    for name in tune.gains:
+        if name not in gains:
+            found.append(agvjax.Problem("tune.gains", name, f"leaves of the controller: {', '.join(gains)}"))
+    if len(set(tune.gains)) < len(tune.gains):
+        found.append(agvjax.Problem("tune.gains", list(tune.gains), "names that differ"))
+    for name, pair in tune.bounds.items():
+        if name not in tune.gains:
+            found.append(agvjax.Problem(f"tune.bounds.{name}", list(pair), "of a tuned gain, one of tune.gains"))
+    for name, limit in tune.limits.items():
+        if not limit > 0:
+            found.append(
+                agvjax.Problem(f"tune.limits.{name}", limit, "> 0, a ratio to the starting gains; inf for none")
+            )
     for name in config.ensemble.draws:
         if name not in leaves:
             near = difflib.get_close_matches(name, leaves, 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else f": {', '.join(leaves)}"
             found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
+    if not config.ensemble.draws:
+        found.append(agvjax.Problem("ensemble.draws", "{}", "at least one leaf of the scenario"))
     try:
-        find_optimizer(config.tune.optimizer)(1.0, **config.tune.options)
-    except (KeyError, TypeError) as error:
+        find_optimizer(tune.optimizer)(1.0, **tune.options)
+    except Exception as error:  # optax and its optimisers raise whatever they meet
         rule = f"an optimiser of optax that takes a learning rate, and options that it knows ({error})"
-        found.append(agvjax.Problem("tune.optimizer", config.tune.optimizer, rule))
-    for name, limit in config.tune.limits.items():
-        if not (np.isfinite(limit) and limit > 0):
-            found.append(agvjax.Problem(f"tune.limits.{name}", limit, "finite and > 0, a ratio to the starting gains"))
-    if not found:
-        for section, label in ((config.simulate, "simulate"), (config.tune, "tune")):
-            method = agvjax.INTEGRATORS[section.integrator]
-            steps = agvjax.step_problems(config.controller, section.dt, config.simulate.horizon, method)
-            found += [p._replace(key=f"{'simulate' if p.key == 'horizon' else label}.{p.key}") for p in steps]
-            count = config.simulate.horizon / section.dt
-            if not steps and abs(count - round(count)) > 1e-6 * count:
-                rule = f"a whole fraction of the horizon, {config.simulate.horizon:g} s"
-                found.append(agvjax.Problem(f"{label}.dt", section.dt, rule))
-        if not found and steps_of(config.simulate.horizon, config.simulate.dt) % config.simulate.save_every:
-            found.append(
-                agvjax.Problem("simulate.save_every", config.simulate.save_every, "a divisor of the number of steps")
-            )
-    return list(dict.fromkeys(found))
+        found.append(agvjax.Problem("tune.optimizer", tune.optimizer, rule))
+    return found
+
+
+def _boxes(config: Config) -> list[agvjax.Problem]:
+    """Draws that can draw what their leaf may not hold, and gains that are no single number."""
+    found, scenario = [], config.scenario
+    for name, draw in config.ensemble.draws.items():
+        for end in draw.box(np.asarray(agvjax.leaves(scenario)[name], float)):
+            bad = agvjax.problems(agvjax.replace(scenario, {name: end}))
+            found += [p._replace(key=f"ensemble.draws.{p.key}") for p in bad if p.key == name]
+    for name in config.tune.gains:
+        if np.ndim(agvjax.leaves(config.controller)[name]):
+            found.append(agvjax.Problem("tune.gains", name, "a single number"))
+    return found

@@ -19,7 +19,7 @@ from . import runs
 
 def folder() -> Path:
     """Where they are kept: `agvjax` under XDG_CACHE_HOME or ~/.cache. Safe to delete."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "agvjax"
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "agvjax"
 
 
 def keep_compiled() -> None:
@@ -63,6 +63,6 @@ def _key(settings: str) -> str:
         for source in sorted(package.rglob("*.py")):
             digest.update(source.read_bytes())
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib", "optax")]
-    state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), settings)
+    state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), jax.default_backend(), settings)
     digest.update(repr(state).encode())
     return digest.hexdigest()[:32]

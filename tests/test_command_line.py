@@ -1,0 +1,505 @@
+"""The command line: what it writes, what it says of bad input, and how it survives being stopped."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import agvjax
+from tuning import cli, startup
+
+ROOT = Path(__file__).parent.parent
+KEPT = Path(tempfile.gettempdir()) / "agvjax-test-cache"  # compiled programs, as in conftest.py
+FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
+TUNE = [
+    *FAST,
+    "tune.dt=0.01",
+    "tune.integrator=euler",
+    'tune.gains=["k1", "k3"]',
+    "tune.clip=1",
+    "tune.iterations=1500",
+    "tune.patience=2000",
+    "tune.checkpoint_every=5",
+    "ensemble.size=8",
+    "ensemble.validation_size=4",
+]
+FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history")}
+
+
+def arguments(command, out, settings=(), *more):
+    return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
+
+
+def start(argv):
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"} | {
+        "PYTHONPATH": path,
+        "XDG_CACHE_HOME": str(KEPT),
+    }
+    command = [sys.executable, "-m", "tuning.cli", *argv]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def run(argv, code=0):
+    process = start(argv)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == code, err
+    assert "Traceback" not in err
+    return out, err
+
+
+def files_of(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys, tmp_path):
+    """Runs the command in this process, the state of JAX left alone, to exit code 2; returns what it says."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(startup, "keep_compiled", lambda: None)
+    monkeypatch.setattr(startup, "traced", lambda function, *_: function)
+    monkeypatch.setattr(agvjax, "tune_xla", lambda **_: "fast compiler options set")
+
+    def call(argv):
+        try:
+            assert cli.main(argv) == 2
+        finally:
+            jax.config.update("jax_enable_x64", True)
+        out, err = capsys.readouterr()
+        assert out == "" and "Traceback" not in err
+        assert err.startswith(f"agvjax {argv[0]}: ") and err.count("bad value") == 1
+        return err
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cli") / "new" / "simulated"
+    said = run(arguments("simulate", out, [*FAST, "simulate.save_every=4"]))[0]
+    return out, said
+
+
+@pytest.fixture(scope="session")
+def tuned(tmp_path_factory):
+    out = tmp_path_factory.mktemp("cli") / "tuned"
+    said = run(arguments("tune", out, TUNE))[0]
+    return out, said
+
+
+# -------------------------------------------------------------------------------------------------------- simulate
+
+
+def test_simulate_writes_the_samples_it_promises(simulated):
+    samples = 100 // 4 + 1
+    shapes = {"t": (), "heading": (), "reference_heading": (), "command": (3,), "delivered": (3,), "weight_norm": (2,)}
+    shapes |= {"position": (2,), "velocity": (2,), "reference_position": (2,)}
+    with np.load(simulated[0] / "trajectory.npz", allow_pickle=False) as file:
+        arrays = dict(file)
+    assert {name: a.shape for name, a in arrays.items()} == {name: (samples, *s) for name, s in shapes.items()}
+    assert all(a.dtype == np.float64 and np.all(np.isfinite(a)) for a in arrays.values())
+    np.testing.assert_allclose(arrays["t"], np.arange(samples) * 0.04, atol=1e-12)
+    np.testing.assert_array_equal(arrays["position"][0], [-0.5, 0.5])  # section 4
+    np.testing.assert_array_equal(arrays["velocity"][0], [0.1, 0.1])
+    assert arrays["heading"][0] == 0.1
+    np.testing.assert_array_equal(arrays["weight_norm"][0], [0.1, 0.1])
+    phase = 11 / 21 * arrays["t"]
+    np.testing.assert_allclose(
+        arrays["reference_position"], np.stack([np.sin(2 * phase), np.sin(phase)], 1), atol=1e-12
+    )
+
+
+def test_simulate_writes_metrics_configuration_and_figures(simulated):
+    out, said = simulated
+    figures = [f"{name}.png" for name in FIGURES["simulate"]]
+    assert files_of(out) == sorted(["config.toml", "metrics.json", "trajectory.npz", *figures])
+    for name in figures:
+        data = (out / name).read_bytes()
+        assert data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["ok"] is True
+    for name in ("rmse", "iae", "ise", "itae", "overshoot", "settling_time", "rms_command", "peak_command", "chatter"):
+        assert list(metrics[name]) == ["x", "y", "heading"], name
+    # nothing can be said to have settled that was outside the band within 1 s of the end, and the start is
+    assert metrics["settling_time"] == dict.fromkeys(("x", "y", "heading"), "not settled")
+    with np.load(out / "trajectory.npz") as file:
+        largest = np.abs(file["command"]).max(axis=0)
+    assert np.all(np.array(list(metrics["peak_command"].values())) >= largest)
+    assert str(out) in said and "rmse" in said and "not settled" in said
+
+
+def test_the_configuration_read_back_gives_itself_byte_by_byte(simulated, tmp_path):
+    before = simulated[0] / "config.toml"
+    out = tmp_path / "again"
+    said = run(["simulate", "--config", str(before), "--out", str(out), "--quiet"])
+    assert said[0] == ""
+    assert (out / "config.toml").read_bytes() == before.read_bytes()
+    with np.load(simulated[0] / "trajectory.npz") as old, np.load(out / "trajectory.npz") as new:
+        for name in old:
+            np.testing.assert_array_equal(new[name], old[name])
+
+
+def test_later_settings_win_and_options_beat_them_all(tmp_path):
+    first, second = tmp_path / "first.toml", tmp_path / "second.toml"
+    first.write_text("seed = 3\nprecision = 64\n[controller]\nk1 = 21\nk3 = 13\n[scenario]\npath = 'circle'\n")
+    second.write_text("[controller]\nk1 = 22\n[scenario.path]\ntype = 'circle'\nradius = 2\n")
+    out = tmp_path / "out"
+    settings = [*FAST, "controller.k3=14", "controller.k3 = 15", "precision=64"]
+    more = ["--config", first, "--config", second, "--precision", 32, "--seed", 7]
+    run(arguments("simulate", out, settings, *more))
+    config = tomllib.loads((out / "config.toml").read_text())
+    assert (config["seed"], config["precision"]) == (7, 32)
+    assert (config["controller"]["k1"], config["controller"]["k2"], config["controller"]["k3"]) == (22, 20, 15)
+    assert config["scenario"]["path"] == {"type": "circle", "radius": 2, "omega": 0.5}
+    with np.load(out / "trajectory.npz") as file:
+        assert {a.dtype for a in file.values()} == {np.dtype(np.float32)}
+        np.testing.assert_allclose(np.hypot(*file["reference_position"].T), 2, rtol=1e-6)
+
+
+def test_a_simulation_that_diverges_exits_with_1_and_is_written(tmp_path):
+    out = tmp_path / "out"
+    _, err = run(arguments("simulate", out, [*FAST, "scenario.limit=0.1"]), code=1)
+    assert "diverged" in err and str(out) in err
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["ok"] is False and metrics["rmse"] == {"x": None, "y": None, "heading": None}
+    assert (out / "trajectory.npz").exists()
+
+
+# ------------------------------------------------------------------------------------------------------------ tune
+
+
+def history(out):
+    with (out / "history.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tune_writes_what_it_promises(tuned):
+    out, said = tuned
+    figures = [f"{name}.png" for name in FIGURES["tune"]]
+    assert files_of(out) == sorted(
+        ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "report.md", *figures]
+    )
+    assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
+    report = (out / "report.md").read_text()
+    assert report in said and str(out) in said
+    assert "validation" in report and "| k1 |" in report and all(name in report for name in figures)
+    with np.load(out / "checkpoint.npz", allow_pickle=False) as file:
+        assert file["iteration"] == 1500
+
+
+def test_the_history_has_a_row_an_iteration(tuned):
+    rows = history(tuned[0])
+    columns = ["iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped", "k1", "k3"]
+    assert list(rows[0]) == columns
+    assert [row["iteration"] for row in rows] == [str(i) for i in range(1500)]
+    assert (rows[0]["latched"], rows[0]["skipped"]) == ("0", "0")
+    np.testing.assert_allclose([float(rows[0][name]) for name in ("cost", "k1", "k3")], [1.3, 20, 12], rtol=1e-9)
+
+
+def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
+    table = tomllib.loads((tuned[0] / "gains.toml").read_text())
+    gains = table["controller"]
+    assert {
+        "k1",
+        "k2",
+        "k3",
+        "Lam",
+        "Lam_psi",
+        "omega_n",
+        "zeta",
+        "gamma1",
+        "gamma2",
+        "eta1",
+        "eta2",
+        "b1",
+        "b2",
+    } <= set(gains)
+    best = min(history(tuned[0]), key=lambda row: (max(0.0, float(row["excess"]) - 1e-3), float(row["cost"])))
+    assert (gains["k1"], gains["k3"]) == (float(best["k1"]), float(best["k3"]))
+    kept = {"k2": 20, "Lam": 16, "Lam_psi": 9, "omega_n": 90, "zeta": 0.75, "gamma1": 0.1, "eta1": 0.001, "b1": 1}
+    assert {name: gains[name] for name in kept} == kept
+
+
+def test_the_gains_are_settings_for_simulate(tuned, tmp_path):
+    out = tmp_path / "out"
+    run(arguments("simulate", out, FAST, "--config", tuned[0] / "gains.toml"))
+    wanted = tomllib.loads((tuned[0] / "gains.toml").read_text())["controller"]
+    used = tomllib.loads((out / "config.toml").read_text())["controller"]
+    assert {name: used[name] for name in wanted} == wanted
+
+
+def test_an_ensemble_in_which_every_run_diverges_exits_with_1(tmp_path):
+    out = tmp_path / "out"
+    _, err = run(arguments("tune", out, [*TUNE, "scenario.limit=0.1", "ensemble.size=2"], "--quiet"), code=1)
+    assert "every one of the 2 runs diverges" in err
+    assert files_of(out) == ["config.toml"]
+
+
+def stop_midway(out, settings, how, folder_has="checkpoint.npz"):
+    process = start(arguments("tune", out, settings, "--quiet"))
+    deadline = time.monotonic() + 240
+    while not (out / folder_has).exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    process.send_signal(how)
+    said, err = process.communicate(timeout=60)
+    assert said == ""
+    return process.returncode, err
+
+
+def resume_and_compare(out, wanted, settings):
+    with np.load(out / "checkpoint.npz") as file:
+        assert 0 < file["iteration"] < len(history(wanted)), "stopped too late to say anything"
+    run(arguments("tune", out, settings, "--resume", "--quiet"))
+    for name in ("history.csv", "gains.toml", "config.toml", "report.md"):
+        assert (out / name).read_bytes() == (wanted / name).read_bytes(), name
+    assert files_of(out) == files_of(wanted)  # in particular no *.part
+
+
+def test_ctrl_c_keeps_the_best_gains_and_the_rest_can_be_made_up(tuned, tmp_path):
+    out = tmp_path / "out"
+    code, err = stop_midway(out, TUNE, signal.SIGINT)
+    assert code == 130, err
+    assert "interrupted" in err and "Traceback" not in err
+    assert files_of(out) == ["checkpoint.npz", "config.toml", "gains.toml", "history.csv"]
+    rows, whole = (folder / "history.csv" for folder in (out, tuned[0]))
+    assert whole.read_bytes().startswith(rows.read_bytes())
+    assert set(tomllib.loads((out / "gains.toml").read_text())["controller"]) >= {"k1", "k3"}
+    resume_and_compare(out, tuned[0], TUNE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("attempt", range(3))
+def test_a_killed_run_can_be_made_up(attempt, tuned, tmp_path):
+    out = tmp_path / "out"
+    code, _ = stop_midway(out, TUNE, signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    resume_and_compare(out, tuned[0], TUNE)
+
+
+@pytest.mark.slow
+def test_a_run_stopped_before_its_first_checkpoint_can_be_begun_again(tuned, tmp_path):
+    out = tmp_path / "out"
+    code, _ = stop_midway(out, TUNE, signal.SIGKILL, folder_has="config.toml")
+    assert code == -signal.SIGKILL and not (out / "checkpoint.npz").exists()
+    run(arguments("tune", out, TUNE, "--resume", "--quiet"))
+    assert (out / "history.csv").read_bytes() == (tuned[0] / "history.csv").read_bytes()
+
+
+@pytest.mark.slow
+def test_a_finished_run_resumed_only_reports_again(tuned, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("checkpoint.npz", "config.toml"):
+        (out / name).write_bytes((tuned[0] / name).read_bytes())
+    run(arguments("tune", out, TUNE, "--resume"))
+    for name in ("history.csv", "gains.toml", "report.md"):
+        assert (out / name).read_bytes() == (tuned[0] / name).read_bytes(), name
+
+
+# ------------------------------------------------------------------------------------------------------- bad input
+
+BAD = {
+    "unknown key": ("controller.omega=1", ("controller.omega", "did you mean omega_n?")),
+    "unknown section": ("simulat.dt=1", ("simulat", "did you mean simulate?")),
+    "a word where a number belongs": ("controller.k1=fast", ("controller.k1", "'fast'", "a number")),
+    "a flag where a number belongs": ("controller.k1=true", ("controller.k1", "True", "a number")),
+    "a number where a flag belongs": ("controller.wrapped=1", ("controller.wrapped", "true or false")),
+    "a number where a word belongs": ("simulate.integrator=4", ("simulate.integrator", "a string")),
+    "a date": ("controller.k1=1979-05-27", ("controller.k1", "1979", "a number")),
+    "an array where a number belongs": ("controller.k1=[1, 2]", ("controller.k1", "a number")),
+    "a table where a number belongs": ("controller.k1.x=1", ("controller.k1", "a number")),
+    "a number where a table belongs": ("scenario.deadzone.position=3", ("scenario.deadzone.position", "a table")),
+    "nothing where a number belongs": ("controller.k1=", ("controller.k1", "a number")),
+    "an array of another length": ("controller.Pi_hat=[1, 1, 1]", ("controller.Pi_hat", "(2,)")),
+    "negative slope": ("scenario.deadzone.heading.slope_left=-0.7", ("deadzone.heading.slope_left", "-0.7", "> 0")),
+    "slope 0": ("scenario.deadzone.heading.slope_left=0", ("deadzone.heading.slope_left", "> 0")),
+    "negative threshold": ("scenario.deadzone.position.threshold_left=-0.4", ("threshold_left", "-0.4", ">= 0")),
+    "unknown channel": ("scenario.deadzone.yaw.slope_left=1", ("scenario.deadzone.yaw", "position, heading")),
+    "NaN": ("controller.k2=nan", ("controller.k2", "nan", "finite")),
+    "infinity": ("scenario.start.heading=inf", ("scenario.start.heading", "inf", "finite")),
+    "a number too large for a float": ("controller.k1=1e400", ("controller.k1", "finite")),
+    "dt 0": ("simulate.dt=0", ("simulate.dt", "> 0")),
+    "negative dt": ("tune.dt=-0.001", ("tune.dt", "-0.001", "> 0")),
+    "dt NaN": ("simulate.dt=nan", ("simulate.dt", "nan")),
+    "dt too large for the filter": ("simulate.dt=0.05", ("simulate.dt", "0.05", "command filter")),
+    "horizon shorter than dt": ("simulate.horizon=0.0001", ("simulate.horizon", "0.0001", "one step")),
+    "negative horizon": ("simulate.horizon=-1", ("simulate.horizon", "-1", "> 0")),
+    "horizon no multiple of dt": ("simulate.dt=0.007", ("simulate.dt", "0.007", "horizon")),
+    "save_every no divisor": ("simulate.save_every=7", ("simulate.save_every", "7")),
+    "save_every a fraction": ("simulate.save_every=1.5", ("simulate.save_every", "1.5", "whole")),
+    "control_every 0": ("simulate.control_every=0", ("simulate.control_every", ">= 1")),
+    "negative seed": ("seed=-1", ("seed", "-1", "from 0")),
+    "huge seed": (f"seed={2**70}", ("seed", str(2**70))),
+    "precision": ("precision=16", ("precision", "16", "32 or 64")),
+    "version": ("version=99", ("version", "99")),
+    "unknown path": ("scenario.path=square", ("scenario.path", "'square'", "dumbbell", "circle")),
+    "unknown controller": ("controller=''", ("controller", "neuro_backstepping")),
+    "unknown optimiser": ("tune.optimizer=adaam", ("tune.optimizer", "adaam", "optax")),
+    "unknown option of the optimiser": ("tune.options.momentun=1", ("tune.optimizer", "momentun")),
+    "unknown metric to minimise": ("tune.goal.metric=rsme", ("tune.goal.metric", "'rsme'", "rmse")),
+    "unknown metric to limit": ("tune.limits.rsme=1", ("tune.limits.rsme", "rmse")),
+    "limit 0": ("tune.limits.effort=0", ("tune.limits.effort", "> 0")),
+    "unknown gain": ('tune.gains=["k9"]', ("tune.gains", "k9", "k1")),
+    "no gain": ("tune.gains=[]", ("tune.gains", "[]")),
+    "iterations 0": ("tune.iterations=0", ("tune.iterations", ">= 1")),
+    "ensemble of none": ("ensemble.size=0", ("ensemble.size", ">= 1")),
+    "bad draw": ("ensemble.draws.start.heading.between=[0]", ("start.heading", "between", "low <= high")),
+    "reversed draw": ("ensemble.draws.start.heading.between=[1, 0]", ("start.heading", "[1, 0]", "low <= high")),
+    "unknown kind of draw": ("ensemble.draws.start.heading.around=[0, 1]", ("start.heading", "between")),
+    "draw of an unknown leaf": ("ensemble.draws.start.headin.between=[0, 1]", ("start.headin", "mean start.heading?")),
+    "reversed bounds": ("tune.bounds.k1=[30, 10]", ("tune.bounds.k1", "[30, 10]", "low <= high")),
+    "no value": ("controller.k1", ("--set", "controller.k1", "key=value")),
+    "no key": ("=1", ("--set", "=1", "key=value")),
+}
+
+
+TUNING_ONLY = {"unknown optimiser", "unknown option of the optimiser", "limit 0", "unknown gain"}
+TUNING_ONLY |= {"draw of an unknown leaf"}
+
+
+@pytest.mark.parametrize(
+    ("command", "setting"), [(c, s) for c in ("simulate", "tune") for s in BAD if c == "tune" or s not in TUNING_ONLY]
+)
+def test_a_bad_setting_is_named_with_its_value_and_rule(command, setting, refused, tmp_path):
+    given, words = BAD[setting]
+    said = refused(arguments(command, tmp_path / "out", [given]))
+    assert all(words[0] in line for line in said.strip().splitlines()[1:])
+    for word in words:
+        assert word in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_bad_settings_are_named_at_once(refused, tmp_path):
+    settings = [
+        "controller.k1=-1",
+        "scenario.deadzone.position.slope_right=nan",
+        "simulate.dt=0",
+        "tune.optimizer=adaam",
+    ]
+    settings += ["foo=1", "tune.goal.metric=x", "ensemble.draws.start.x.between=[0, 1]", "tune.limits.effort=-2"]
+    said = refused(arguments("tune", tmp_path / "out", settings))
+    assert "8 bad values:" in said and len(said.strip().splitlines()) == 9
+    for key in ("controller.k1", "slope_right", "simulate.dt", "tune.optimizer", "foo", "metric", "start.x", "effort"):
+        assert sum(key in line.partition(": must be")[0] for line in said.splitlines()) == 1, key
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["controller.k1=1"], ("controller.k1", "> 1", "(48)")),
+        (["controller.k2=1.66"], ("controller.k2", "> 1.66667", "(52)")),
+        (["controller.k3=1.38"], ("controller.k3", "> 1.38889", "(70)")),
+        (["controller.zeta=1"], ("controller.zeta", "(0, 1)")),
+        (["tune.bounds.k1=[30, 40]"], ("controller.k1", "20", "(30, 40)")),
+        (["controller.k1=1", "controller.k3=1"], ("2 bad values", "controller.k1", "controller.k3")),
+    ],
+)
+def test_gains_must_begin_within_their_bounds(settings, words, refused, tmp_path):
+    said = refused(arguments("tune", tmp_path / "out", settings))
+    for word in words:
+        assert word in said, said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe\x00", b"a = = 1", b"seed = 1\nseed = 2"])
+def test_a_file_that_is_no_toml_is_named(content, refused, tmp_path):
+    path = tmp_path / "mine.toml"
+    if content is not None:
+        path.write_bytes(content)
+    said = refused(["simulate", "--config", str(path), "--out", str(tmp_path / "out")])
+    assert "--config" in said and str(path) in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["simulate", "tune"])
+@pytest.mark.parametrize("place", ["{}/file", "{}/file/below", "/proc/agvjax", "/dev/null"])
+def test_a_place_that_cannot_be_written_is_named(command, place, refused, tmp_path):
+    (tmp_path / "file").write_text("here")
+    out = place.format(tmp_path)
+    said = refused(arguments(command, out, FAST + ["tune.dt=0.01"]))
+    assert "--out" in said and out in said
+    assert (tmp_path / "file").read_text() == "here"
+
+
+@pytest.mark.parametrize("command", ["simulate", "tune"])
+def test_a_folder_that_holds_something_is_left_alone(command, refused, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "config.toml").write_text("mine")
+    said = refused(arguments(command, tmp_path / "out", FAST + ["tune.dt=0.01"]))
+    assert "--out" in said and str(tmp_path / "out") in said
+    assert ("--resume" in said) == (command == "tune")
+    assert files_of(tmp_path / "out") == ["config.toml"] and (tmp_path / "out" / "config.toml").read_text() == "mine"
+
+
+def copy_of(run_folder, out):
+    out.mkdir()
+    for path in run_folder.iterdir():
+        (out / path.name).write_bytes(path.read_bytes())
+    return out
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # numpy.load leaves a bad archive open
+@pytest.mark.parametrize("damage", ["cut short", "empty", "something else"])
+def test_a_damaged_checkpoint_is_named_and_left(damage, refused, tuned, tmp_path):
+    out = copy_of(tuned[0], tmp_path / "out")
+    whole = (out / "checkpoint.npz").read_bytes()
+    bad = {"cut short": whole[: len(whole) // 2], "empty": b"", "something else": b"gains"}[damage]
+    (out / "checkpoint.npz").write_bytes(bad)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    said = refused(arguments("tune", out, TUNE, "--resume"))
+    assert "--resume" in said and str(out / "checkpoint.npz") in said
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_resuming_with_other_settings_says_which(refused, tuned, tmp_path):
+    out = copy_of(tuned[0], tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    said = refused(arguments("tune", out, [*TUNE, "tune.learning_rate=0.05", "controller.k2=21"], "--resume"))
+    assert "--resume" in said
+    for line in ("was `learning_rate = 0.1`", "is `learning_rate = 0.05`", "was `k2 = 20.0`", "is `k2 = 21"):
+        assert line in said, said
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_resuming_needs_the_folder_of_a_run(refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    settings = ["simulate.horizon=1"]
+    assert "--out" in refused(["tune", "--resume", "--set", *settings])
+    assert str(tmp_path / "none") in refused(arguments("tune", tmp_path / "none", settings, "--resume"))
+    assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
+
+
+@pytest.mark.parametrize(
+    "argv", [[], ["fly"], ["simulate", "--seed", "x"], ["tune", "--precision", "16"], ["simulate", "--resume"]]
+)
+def test_options_that_do_not_exist_exit_with_2(argv, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(argv)
+    assert stop.value.code == 2
+    assert "usage: agvjax" in capsys.readouterr().err
+
+
+def test_help_names_both_commands(capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["--help"])
+    assert stop.value.code == 0
+    said = capsys.readouterr().out
+    assert "simulate" in said and "tune" in said
+
+
+def test_help_needs_no_jax():
+    code = (
+        "import sys; from tuning.cli import main\ntry: main(['--help'])\nexcept SystemExit: print('jax' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "False"

@@ -1,0 +1,544 @@
+"""Tuning: coordinates, stability bounds, ensembles, objective, the optimiser's loop and its checkpoints."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agvjax
+from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, leaves, replace
+from tuning import Between, Free, Objective, Times, Tuner, default_draws, sample
+from tuning.free import default_bounds, largest_omega_n, stability_bounds
+from tuning.objective import Score
+from tuning.optimise import HISTORY, find_optimizer
+from tuning.runs import CHECKPOINT, load, save
+
+NAMES = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+LOWER = np.array([1.0, 5 / 3, 25 / 18, 0.0, 0.0, 0.0, 0.0])
+UPPER = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 200.0, 1.0])
+FREE = Free(NAMES, LOWER, UPPER)
+COST, EXCESS = HISTORY.index("cost"), HISTORY.index("excess")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def promotion_as_optax_has_it():
+    """Optax mixes float64 and int32, and the objective ranks, which the rules of `conftest.py` forbid."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+def small_tuner(**changed):
+    """Eight scenarios of the default ensemble over 3 s in steps of 10 ms."""
+    settings = {
+        "batch": sample(Scenario(), default_draws(), 8, 0),
+        "free": FREE,
+        "dt": 1e-2,
+        "n_steps": 300,
+        "iterations": 30,
+    }
+    return Tuner(**({"controller": NeuroBackstepping()} | settings | changed))
+
+
+@pytest.fixture(scope="module")
+def small():
+    return small_tuner()
+
+
+@pytest.fixture(scope="module")
+def solved(small):
+    tuner = small_tuner(clip=1.0, prepared=small.push)
+    return iterate(tuner, tuner.begin())
+
+
+def iterate(tuner, progress, until=10**9):
+    while not tuner.finished(progress) and progress.iteration < until:
+        progress = tuner.advance(progress)
+    return progress
+
+
+def scripted(scores, gradients, **changed):
+    """A tuner whose costs and gradients are given, iteration by iteration, in place of rollouts."""
+    tuner, calls = small_tuner(**changed), iter(zip(scores, gradients, strict=True))
+
+    def next_of(z):
+        (cost, excess), gradient = next(calls)
+        score = Score(cost=jnp.array(cost), goal=jnp.array(cost), excess=jnp.array(excess), latched=jnp.array(0))
+        return score, jnp.asarray(gradient, float) * jnp.ones_like(z)
+
+    tuner.__dict__["gradient_of"] = next_of
+    return tuner
+
+
+# ---------------------------------------------------------------------------------------------------- coordinates
+
+
+def test_coordinates_of_a_controller_lead_back_to_it():
+    gains = dict(zip(NAMES, (23.0, 1.7, 40.0, 1e-3, 9.0, 199.0, 0.01), strict=True))
+    back = leaves(FREE.controller(FREE.coordinates(replace(NeuroBackstepping(), gains)), NeuroBackstepping()))
+    for name, value in gains.items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-12, err_msg=name)
+
+
+def test_what_is_not_tuned_is_taken_from_the_controller_given():
+    like = NeuroBackstepping(b1=0.1, gamma2=0.7)
+    free = Free(("k1",), np.array([1.0]), np.array([np.inf]))
+    after = free.controller(jnp.array([np.log(4.0)]), like)
+    assert after.b1 == 0.1 and after.gamma2 == 0.7 and after.k3 == like.k3
+    np.testing.assert_allclose(after.k1, 5.0, rtol=1e-14)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.floats(-50, 50), min_size=len(NAMES), max_size=len(NAMES)))
+def test_every_coordinate_gives_gains_within_their_bounds(z):
+    gains = leaves(FREE.controller(jnp.array(z), NeuroBackstepping()))
+    x = np.array([float(gains[name]) for name in NAMES])
+    assert np.all(np.isfinite(x)) and np.all(x >= LOWER) and np.all(x <= UPPER)
+
+
+@pytest.mark.parametrize("z", [-3.0, -0.4, 0.0, 1.3, 4.0])
+def test_derivative_of_the_gains_is_that_of_finite_differences(z):
+    def gains(z):
+        return jnp.stack([leaves(FREE.controller(z, NeuroBackstepping()))[name] for name in NAMES])
+
+    at, h = jnp.full(len(NAMES), z), 1e-5
+    slope = np.diag(jax.jacfwd(gains)(at))
+    np.testing.assert_allclose(slope, (gains(at + h) - gains(at - h)) / (2 * h), rtol=1e-8)
+    assert np.all(slope > 0)
+    np.testing.assert_allclose(np.diag(jax.jacrev(gains)(at)), slope, rtol=1e-13)
+
+
+def test_a_gain_with_lower_bound_0_and_no_upper_moves_in_its_logarithm():
+    free = Free(("Lam",), np.array([0.0]), np.array([np.inf]))
+    np.testing.assert_allclose(free.coordinates(NeuroBackstepping(Lam=np.e**2)), [2.0], rtol=1e-15)
+    bounded = Free(("zeta",), np.array([0.0]), np.array([1.0]))
+    np.testing.assert_allclose(bounded.coordinates(NeuroBackstepping(zeta=0.8)), [np.log(4.0)], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("k1", 1.0), ("k2", 1.66), ("zeta", 1.0), ("omega_n", 201.0), ("Lam", 0.0)]
+)
+def test_a_gain_on_its_bound_or_beyond_is_a_problem_that_names_it(name, value):
+    assert FREE.problems(NeuroBackstepping()) == []
+    found = FREE.problems(replace(NeuroBackstepping(), {name: value}))
+    assert [p.key for p in found] == [f"controller.{name}"] and f"{value:g}" in str(found[0])
+
+
+# ------------------------------------------------------------------------------------------------------- stability
+
+
+def test_stability_bounds_of_the_default_ensemble():
+    bounds = stability_bounds(NeuroBackstepping(), Scenario(), default_draws())
+    assert set(bounds) == {"k1", "k2", "k3"}  # Pi_min = 0.6 * 0.5 and 0.72 * 0.5; Pi k > 1/2
+    np.testing.assert_allclose([bounds[k] for k in ("k1", "k2", "k3")], [1.0, 1 / 0.6, 1 / 0.72], rtol=1e-14)
+
+
+def test_stability_bounds_follow_the_smallest_slope_of_either_side():
+    steep = {
+        "position": Deadzone(slope_right=4.0, slope_left=2.0),
+        "heading": Deadzone(slope_right=0.4, slope_left=3.0),
+    }
+    bounds = stability_bounds(NeuroBackstepping(), Scenario(deadzone=steep), {})
+    np.testing.assert_allclose([bounds["k2"], bounds["k3"]], [0.5, 1.25], rtol=1e-14)  # k2 > 1/2 whatever the slope
+    drawn = {"deadzone.position.slope_left": Between(0.25, 0.5), "deadzone.heading.slope_right": Times(0.5, 2.0)}
+    bounds = stability_bounds(NeuroBackstepping(), Scenario(deadzone=steep), drawn)
+    np.testing.assert_allclose([bounds["k2"], bounds["k3"]], [2.0, 2.5], rtol=1e-14)
+
+
+@pytest.mark.parametrize("method", INTEGRATORS.values(), ids=str)
+@pytest.mark.parametrize("zeta", [0.1, 0.5, 0.75, 0.99])
+def test_the_largest_natural_frequency_decays_at_the_step_of_tuning(method, zeta):
+    omega = largest_omega_n(NeuroBackstepping(), 5e-3, method)
+    poles = np.roots([1.0, 2 * zeta * omega, omega**2])
+    growth = [abs(sum((5e-3 * p) ** k / [1, 1, 2, 6, 24][k] for k in range(method.order + 1))) for p in poles]
+    assert max(growth) <= 1
+    assert 0.05 / 5e-3 < omega < 4 / 5e-3  # the least damped mode of the three methods decays up to 0.1 ... 2.9 / dt
+
+
+def test_default_bounds_keep_the_filter_stable_and_the_gains_within_the_conditions():
+    stability = stability_bounds(NeuroBackstepping(), Scenario(), default_draws())
+    bounds = default_bounds(NeuroBackstepping(), NAMES, stability, 5e-3, RK4)
+    assert bounds["k1"] == (1.0, np.inf) and bounds["Lam"] == (0.0, np.inf) and bounds["zeta"] == (0.0, 1.0)
+    np.testing.assert_allclose(bounds["k2"][0], 1 / 0.6, rtol=1e-14)
+    # RK4 reaches from -2.785 on the real axis to 2.828i on the imaginary one: |omega_n dt| a little below either
+    assert 2.5 / 5e-3 < bounds["omega_n"][1] < 2.8 / 5e-3
+
+
+# -------------------------------------------------------------------------------------------------------- ensemble
+
+
+def test_draws_lie_in_their_box_and_fill_it_evenly():
+    size = 4096
+    values = sample(Scenario(), default_draws(), size, 3).values
+    nominal = {"position": (0.6, 0.8, 0.5, 0.4), "heading": (0.91, 0.72, 0.66, 0.53)}
+    parts = ("slope_right", "slope_left", "threshold_right", "threshold_left")
+    boxes = {
+        f"deadzone.{c}.{p}": (0.5 * x, 1.5 * x) for c, row in nominal.items() for p, x in zip(parts, row, strict=True)
+    }
+    boxes |= {"disturbance.amplitude": (0.0, 0.4), "start.position": (-0.5, 0.5), "start.heading": (-0.5, 1.0)}
+    assert set(values) == set(boxes)
+    for name, (low, high) in boxes.items():
+        share = (np.asarray(values[name]) - low) / (high - low)
+        assert np.all((share >= -1e-12) & (share <= 1 + 1e-12)), name
+        # mean and standard deviation of a uniform share, each within five standard errors
+        assert abs(share.mean() - 0.5) < 5 / np.sqrt(12 * size), name
+        assert abs(share.std() - 1 / np.sqrt(12)) < 0.01, name
+
+
+def test_draws_are_independent_of_each_other():
+    values = sample(Scenario(), default_draws(), 4096, 3).values
+    rows = np.vstack([np.asarray(v).reshape(4096, -1).T for v in values.values()])
+    assert rows.shape == (12, 4096)
+    off = np.corrcoef(rows) - np.eye(12)
+    assert np.abs(off).max() < 5 / np.sqrt(4096)
+
+
+def test_a_larger_ensemble_begins_with_the_smaller_one():
+    few, many = (sample(Scenario(), default_draws(), size, 0).values for size in (16, 64))
+    for name, value in few.items():
+        np.testing.assert_array_equal(many[name][:16], value, err_msg=name)
+
+
+def test_another_draw_changes_none_of_the_others():
+    before = sample(Scenario(), default_draws(), 8, 0).values
+    after = sample(Scenario(), {"path.amplitude": Times(0.9, 1.1)} | default_draws(), 8, 0).values
+    assert set(after) == set(before) | {"path.amplitude"}
+    for name, value in before.items():
+        np.testing.assert_array_equal(after[name], value, err_msg=name)
+
+
+def test_another_seed_draws_every_leaf_anew():
+    one, other = (sample(Scenario(), default_draws(), 64, seed).values for seed in (0, 1))
+    for name, value in one.items():
+        assert not np.intersect1d(np.ravel(value), np.ravel(other[name])).size, name
+
+
+def test_shapes_of_drawn_leaves():
+    many = sample(Scenario(), default_draws(), 8, 0)
+    assert many.size == 8 and np.shape(many.values["start.position"]) == (8, 2)
+    assert {np.shape(v) for name, v in many.values.items() if name != "start.position"} == {(8,)}
+    x, y = np.asarray(many.values["start.position"]).T
+    assert np.all(x != y)  # a draw each, where x and y share one deadzone
+    assert {name.split(".")[1] for name in many.names if name.startswith("deadzone")} == {"position", "heading"}
+
+
+def test_draws_are_the_same_at_either_precision():
+    wide = sample(Scenario(), default_draws(), 8, 0).values
+    with jax.enable_x64(False):
+        narrow = sample(Scenario(), default_draws(), 8, 0).values
+    for name, value in wide.items():
+        assert np.asarray(narrow[name]).dtype == np.float64 and isinstance(narrow[name], np.ndarray), name
+        np.testing.assert_array_equal(narrow[name], value, err_msg=name)
+
+
+# ------------------------------------------------------------------------------------------------------- objective
+
+VALUES = jnp.array([[1.0, 3.0, jnp.inf], [4.0, 6.0, jnp.inf]])  # goal, limited; the third run diverged
+OK = jnp.array([True, True, False])
+REFERENCE = np.array([[2.0, 4.0], [5.0, 8.0]])  # mean and worst of either metric
+OBJECTIVE = Objective(metric="rmse", mean=1.0, worst=0.3, limits={"effort": 1.1}, penalty=3.0, latched=10.0)
+
+
+def test_cost_of_a_small_table_by_hand():
+    score = OBJECTIVE.score(VALUES, OK, REFERENCE)
+    # goal:  mean (1 + 3 + 10*2)/3 = 8 over 2 = 4;        worst max(1, 3, 10*5) = 50 over 5 = 10;  4 + 0.3 * 10 = 7
+    # limit: mean (4 + 6 + 10*4)/3 = 50/3 over 4 = 25/6;  worst 80 over 8 = 10;  over 1.1 by 25/6 - 1.1 and 8.9
+    np.testing.assert_allclose(score.goal, 7.0, rtol=1e-14)
+    np.testing.assert_allclose(score.excess, 8.9, rtol=1e-14)
+    np.testing.assert_allclose(score.cost, 7 + 3 * (25 / 6 - 1.1 + 8.9), rtol=1e-14)
+    assert score.latched == 1
+
+
+def test_a_diverged_run_costs_a_constant_and_sends_no_gradient():
+    def cost(values):
+        return OBJECTIVE.score(values, OK, REFERENCE).cost
+
+    slope = np.asarray(jax.grad(cost)(VALUES))
+    np.testing.assert_array_equal(slope[:, 2], 0)
+    # its penalty is the worst of both metrics: what remains are the means, 1/3 each over the reference's
+    np.testing.assert_allclose(slope[:, :2], [[1 / 6, 1 / 6], [3 / 12, 3 / 12]], rtol=1e-14)
+    np.testing.assert_allclose(cost(VALUES.at[:, 2].set(-7.0)), cost(VALUES), rtol=1e-15)
+
+
+def test_the_worst_alone_carries_the_gradient_of_the_worst():
+    def goal(values):
+        return OBJECTIVE.score(values, jnp.ones(3, bool), REFERENCE).goal
+
+    slope = jax.grad(goal)(jnp.array([[1.0, 3.0, 2.0], [1.0, 1.0, 1.0]]))
+    np.testing.assert_allclose(slope, [[1 / 6, 1 / 6 + 0.3 / 5, 1 / 6], [0, 0, 0]], rtol=1e-14)
+
+
+def test_reference_is_mean_and_worst_of_the_runs_that_held_out():
+    np.testing.assert_allclose(OBJECTIVE.reference(VALUES, OK), [[2.0, 5.0], [3.0, 6.0]])
+
+
+def test_the_starting_gains_have_ratios_of_1():
+    values, ok = VALUES[:, :2], OK[:2]
+    reference = OBJECTIVE.reference(values, ok)
+    np.testing.assert_allclose(OBJECTIVE.ratios(values, ok, reference), 1, rtol=1e-15)
+    score = OBJECTIVE.score(values, ok, reference)
+    np.testing.assert_allclose([score.goal, score.cost, score.excess], [1.3, 1.3, -0.1], rtol=1e-13)
+
+
+@pytest.mark.parametrize(("limit", "excess", "cost"), [(0.8, 0.2, 1.3 + 3 * 0.4), (1.0, 0.0, 1.3), (1.5, -0.5, 1.3)])
+def test_excess_is_positive_only_where_a_limit_is_exceeded(limit, excess, cost):
+    objective = OBJECTIVE._replace(limits={"effort": limit})
+    values, ok = VALUES[:, :2], OK[:2]
+    score = objective.score(values, ok, objective.reference(values, ok))
+    np.testing.assert_allclose([score.excess, score.cost], [excess, cost], rtol=1e-13, atol=1e-15)
+
+
+def test_without_limits_the_cost_is_the_goal():
+    objective = OBJECTIVE._replace(limits={})
+    score = objective.score(VALUES[:1, :2], OK[:2], np.array([[2.0], [5.0]]))
+    assert score.excess <= 0
+    np.testing.assert_allclose([score.cost, score.goal], 1 + 0.3 * 3 / 5, rtol=1e-14)
+
+
+def test_the_metrics_are_those_of_the_task():
+    error, command = np.array([0.3, 0.4, 1.2]), np.array([2.0, 3.0, 6.0])
+    fields = {f.name: jnp.zeros(3) for f in dataclasses.fields(agvjax.Metrics)}
+    changed = {
+        "rmse": error,
+        "rms_command": command,
+        "peak_command": np.array([5.0, 9.0, 11.0]),
+        "chatter": np.arange(3.0),
+    }
+    metrics = agvjax.Metrics(**{**fields, **changed, "ok": jnp.array(True)})
+    objective = Objective("rmse", limits=dict.fromkeys(("effort", "peak_position", "peak_heading", "chatter"), 1.0))
+    assert objective.names == ("rmse", "effort", "peak_position", "peak_heading", "chatter")
+    np.testing.assert_allclose(objective.values(metrics)[0], [1.3, 7.0, 9.0, 11.0, 3.0], rtol=1e-14)
+
+
+# ----------------------------------------------------------------------------------------------------------- tuner
+
+AWAY = jnp.array(
+    [0.3, -0.2, 0.15, 0.4, -0.3, 0.1, 0.2]
+)  # from the start, where the ratios are 1 and the cost has a kink
+
+
+def test_forward_and_reverse_gradients_agree():
+    tuner = small_tuner(integrator=EULER, dt=5e-3)  # one stage a step: what is compiled is a quarter
+    z = tuner.begin().z + AWAY
+    score, forward = tuner.gradient_of(z)
+    backward = small_tuner(integrator=EULER, dt=5e-3, gradient="reverse")
+    backward.__dict__["reference"] = tuner.reference
+    other, reverse = backward.gradient_of(z)
+    assert np.all(np.abs(forward) > 0)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(other.cost, score.cost, rtol=1e-12)
+
+
+def test_the_gradient_is_that_of_central_differences(small):
+    z, h = small.begin().z + AWAY, 1e-5
+    gradient = small.gradient_of(z)[1]
+    for i, unit in enumerate(np.eye(len(NAMES))):
+        up, down = (float(small.gradient_of(z + s * h * unit)[0].cost) for s in (1, -1))
+        np.testing.assert_allclose(gradient[i], (up - down) / (2 * h), rtol=1e-4, atol=1e-6, err_msg=NAMES[i])
+
+
+def test_the_start_costs_mean_and_worst_of_1(small, solved):
+    first = dict(zip(HISTORY, solved.history[0], strict=False))
+    np.testing.assert_allclose([first["cost"], first["goal"]], 1.3, rtol=1e-12)
+    np.testing.assert_allclose(first["excess"], 0, atol=1e-12)
+    start = leaves(NeuroBackstepping())
+    np.testing.assert_allclose(solved.history[0][len(HISTORY) :], [start[name] for name in NAMES], rtol=1e-12)
+
+
+def test_a_few_iterations_lower_the_cost_within_the_limits(solved):
+    assert solved.iteration == 30 == len(solved.history)
+    assert solved.best[0] == 0  # every limit met within a tenth of a percent
+    assert solved.best[1] < 0.97 * solved.history[0][COST]
+
+
+def test_the_best_gains_are_the_best_of_the_history(small, solved):
+    ranks = [(max(0.0, row[EXCESS] - 1e-3), row[COST]) for row in solved.history]
+    assert solved.best_iteration == min(range(len(ranks)), key=ranks.__getitem__)
+    assert solved.best == min(ranks)
+    best = leaves(small.best(solved))
+    row = solved.history[solved.best_iteration][len(HISTORY) :]
+    np.testing.assert_array_equal([float(best[name]) for name in NAMES], row)
+
+
+def test_limits_come_before_the_cost_in_what_is_best():
+    rows = [(1.3, 0.0), (0.5, 0.2), (1.2, 0.0009), (0.4, 0.0021), (1.25, -0.1)]
+    tuner = scripted(rows, [0.1] * 5, iterations=5)
+    progress = iterate(tuner, tuner.begin())
+    assert progress.best_iteration == 2 and progress.best == (0.0, 1.2)
+
+
+def test_it_stops_after_patience_iterations_without_better_gains():
+    tuner = scripted([(1.0 + i, 0.0) for i in range(30)], [0.1] * 30, patience=4)
+    progress = iterate(tuner, tuner.begin())
+    assert progress.best_iteration == 0 and progress.iteration == 1 + 4
+    better = scripted([(1.0 - i, 0.0) for i in range(30)], [0.1] * 30, patience=4)
+    assert iterate(better, better.begin()).iteration == 30
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_gradient_that_is_not_finite_is_skipped_and_counted(bad):
+    tuner = scripted([(1.3, 0.0)] * 3, [0.1, bad, 0.1], iterations=3)
+    first = tuner.advance(tuner.begin())
+    second = tuner.advance(first)
+    assert (first.skipped, second.skipped) == (0, 1)
+    np.testing.assert_array_equal(second.z, first.z)
+    for before, after in zip(jax.tree.leaves(first.optimiser), jax.tree.leaves(second.optimiser), strict=True):
+        np.testing.assert_array_equal(after, before)
+    third = tuner.advance(second)
+    assert third.skipped == 1 and np.all(np.isfinite(third.z)) and not np.array_equal(third.z, second.z)
+    assert [row[HISTORY.index("skipped")] for row in third.history] == [0, 1, 1]
+
+
+def test_a_long_gradient_is_cut_to_the_allowed_norm_and_counted():
+    # sgd at learning rate 1 moves by the gradient itself at the first step, before its rate decays
+    options = {"optimizer": "sgd", "learning_rate": 1.0, "clip": 0.5, "iterations": 2}
+    tuner = scripted([(1.3, 0.0)] * 2, [7.0, 0.1], **options)
+    first = tuner.advance(tuner.begin())
+    np.testing.assert_allclose(first.z - tuner.begin().z, -0.5 / np.sqrt(len(NAMES)), rtol=1e-12)
+    second = tuner.advance(first)  # norm 0.1 sqrt(7) < 0.5
+    assert (first.clipped, second.clipped) == (1, 1)
+
+
+def test_the_learning_rate_decays_as_half_a_cosine():
+    tuner = scripted([(1.3, 0.0)] * 4, [0.1] * 4, optimizer="sgd", learning_rate=1.0, iterations=4)
+    progress, steps = tuner.begin(), []
+    for _ in range(4):
+        after = tuner.advance(progress)
+        steps.append(float(after.z[0] - progress.z[0]))
+        progress = after
+    np.testing.assert_allclose(steps, [-0.05 * (1 + np.cos(np.pi * i / 4)) for i in range(4)], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["adam", "sgd", "rmsprop", "nadam", "adamw", "lion"])
+def test_optimisers_go_downhill(name):
+    rows, downhill = [(1.3, 0.0)] * 3, [0.5] * 3
+    tuner = scripted(rows, downhill, optimizer=name, learning_rate=0.02, iterations=3)
+    progress = iterate(tuner, tuner.begin())
+    assert np.all(progress.z < tuner.begin().z)
+
+
+def test_options_reach_the_optimiser():
+    def moved(options):
+        tuner = scripted([(1.3, 0.0)] * 2, [0.5, 0.1], optimizer="adam", options=options, iterations=2)
+        return np.asarray(iterate(tuner, tuner.begin()).z)
+
+    assert np.abs(moved({}) - moved({"b1": 0.1})).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    "name", ["", "adaam", "contrib", "chain", "__doc__", "cosine_decay_schedule", "clip_by_global_norm"]
+)
+def test_what_is_no_optimiser_is_refused(name):
+    with pytest.raises(KeyError):
+        find_optimizer(name)
+
+
+def test_an_ensemble_in_which_every_run_diverges_is_refused():
+    free = Free(("k1",), np.array([1.0]), np.array([np.inf]))
+    tuner = small_tuner(
+        batch=sample(Scenario(limit=0.1), default_draws(), 3, 0), free=free, n_steps=100, integrator=EULER
+    )
+    with pytest.raises(RuntimeError, match="every one of the 3 runs diverges"):
+        tuner.advance(tuner.begin())
+
+
+# ----------------------------------------------------------------------------------------------------- checkpoints
+
+
+def same(one, other):
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in pairs:
+        assert np.asarray(a).dtype == np.asarray(b).dtype
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_checkpoint_is_exact(small, solved, tmp_path):
+    save(tmp_path, solved)
+    assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
+    back = load(tmp_path, small.begin())
+    same(back._replace(history=[]), solved._replace(history=[]))
+    np.testing.assert_array_equal(back.history, solved.history)
+    with np.load(tmp_path / CHECKPOINT, allow_pickle=False) as file:
+        assert "history" in file
+
+
+def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):
+    whole = small_tuner(iterations=20, learning_rate=0.05, prepared=small.push)
+    wanted = iterate(whole, whole.begin())
+    save(tmp_path, iterate(whole, whole.begin(), until=7))
+    again = small_tuner(
+        iterations=20, learning_rate=0.05, prepared=small.push
+    )  # a tuner that knows nothing of the first
+    begun = load(tmp_path, again.begin())
+    assert begun.iteration == 7
+    got = iterate(again, begun)
+    assert np.array_equal(got.history, wanted.history) and len(wanted.history) == 20
+    same(got._replace(history=[]), wanted._replace(history=[]))
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # numpy.load leaves a bad archive open
+def test_a_checkpoint_that_is_missing_or_damaged_is_named(small, solved, tmp_path):
+    path = tmp_path / CHECKPOINT
+    save(tmp_path, solved)
+    whole = path.read_bytes()
+    for content in (None, b"", b"not an archive", whole[: len(whole) // 2], whole[:-1], whole[:-30]):
+        path.unlink(missing_ok=True)
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(ValueError, match=CHECKPOINT):
+            load(tmp_path, small.begin())
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"free": Free(("k1",), np.array([1.0]), np.array([np.inf]))},
+        {"optimizer": "adan"},
+    ],
+    ids=["another number of gains", "an optimiser of more state"],
+)
+def test_a_checkpoint_of_another_problem_is_refused(other, small, solved, tmp_path):
+    save(tmp_path, solved)
+    with pytest.raises(ValueError, match=CHECKPOINT):
+        load(tmp_path, small_tuner(**other).begin())
+
+
+def test_a_checkpoint_of_another_precision_is_refused(small, solved, tmp_path):
+    save(tmp_path, solved)
+    fresh = small.begin()
+    with pytest.raises(ValueError, match="float64"):
+        load(tmp_path, fresh._replace(z=fresh.z.astype(jnp.float32)))
+
+
+def test_a_pickle_in_a_checkpoint_is_not_executed(small, solved, tmp_path):
+    save(tmp_path, solved)
+    with np.load(tmp_path / CHECKPOINT) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / CHECKPOINT, **{**arrays, "z": np.array([print], dtype=object)})
+    with pytest.raises(ValueError, match=CHECKPOINT):
+        load(tmp_path, small.begin())
+
+
+@pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
+def test_a_diverged_run_of_the_ensemble_counts_and_sends_no_gradient(mode):
+    starts = np.array([[0.2, 0.1], [-0.4, 0.3], [5e3, 0.0]])  # the last begins beyond the limit
+
+    def gradient(rows):
+        batch = agvjax.batch(agvjax.Scenario(), {"start.position": starts[rows]})
+        free = Free(("k1", "k3"), np.array([1.0, 1.0]), np.array([np.inf, np.inf]))
+        objective = Objective(worst=0.0, limits={})
+        tuner = Tuner(
+            agvjax.NeuroBackstepping(), batch, free, objective, dt=1e-2, n_steps=100, gradient=mode, iterations=1
+        )
+        score, slope = tuner.gradient_of(free.coordinates(tuner.controller))
+        return int(score.latched), np.asarray(slope)
+
+    latched, slope = gradient([0, 1, 2])
+    alone, sound = gradient([0, 1])
+    assert (latched, alone) == (1, 0)
+    np.testing.assert_allclose(slope, sound * 2 / 3, rtol=1e-9)  # the mean is over three runs, two of which move
+    assert np.all(sound != 0)
