@@ -25,7 +25,11 @@ class NoDisturbance:
 
 
 class _Scaled:
-    """`__call__` for a disturbance that splits into `shape` and `scale`."""
+    """What disturbances that split share; each brings its own `shape`."""
+
+    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
+        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
+        return jnp.broadcast_to(self.amplitude * shape, (3,))  # pyright: ignore[reportAttributeAccessIssue]
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """Disturbance at time `t` [s] in the x, y and heading channels, shape (3,)."""
@@ -44,10 +48,6 @@ class Cosine(_Scaled):
         """cos(omega t + phase)."""
         return jnp.cos(self.omega * t + self.phase)
 
-    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
-        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
-        return jnp.broadcast_to(self.amplitude * shape, (3,))
-
 
 @pytree
 class Step(_Scaled):
@@ -59,10 +59,6 @@ class Step(_Scaled):
     def shape(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """0 or 1."""
         return jnp.where(t >= self.time, jnp.ones_like(t), 0.0)
-
-    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
-        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
-        return jnp.broadcast_to(self.amplitude * shape, (3,))
 
 
 @pytree

@@ -14,7 +14,7 @@ from ._pytree import pytree, structure
 from .integrate import RK4, Integrator
 from .leaves import get, replace, swap
 from .metrics import Criteria, Metrics
-from .simulate import Rollout
+from .simulate import DT, N_STEPS, Rollout
 
 BLOCK = 64  # scenarios rolled out together: what fits the cache of a CPU core
 
@@ -73,8 +73,8 @@ def evaluate(
     controller: Any,
     batch: Any,
     *,
-    dt: Any = 1e-3,
-    n_steps: int = 12_000,
+    dt: Any = DT,
+    n_steps: int = N_STEPS,
     control_every: int = 1,
     criteria: Criteria | None = None,
     integrator: Integrator = RK4,

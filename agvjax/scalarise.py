@@ -93,12 +93,11 @@ def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers]) -> list[Numbers]:
     name, params = equation.primitive.name, equation.params
     if name in ELEMENTWISE:
         return [_each(lambda *x: equation.primitive.bind(*x, **params), inputs)]
-    if name in STRUCTURAL and len(equation.invars) == len(inputs):
+    if name in STRUCTURAL:
         return [STRUCTURAL[name](*inputs, **params)]
     if name in CALLS:
         inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
         return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs)
-
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 

@@ -17,6 +17,7 @@ from .leaves import cast
 from .path import reference
 from .scalarise import scalarise, split_tree
 
+DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
 CHUNK = 100  # steps whose time-only signals are tabulated at once; also the unit of checkpointing
 
 
@@ -200,8 +201,8 @@ def simulate(
     controller: Any,
     scenario: Any,
     *,
-    dt: Any = 1e-3,
-    n_steps: int = 12_000,
+    dt: Any = DT,
+    n_steps: int = N_STEPS,
     save_every: int = 1,
     control_every: int = 1,
     integrator: Integrator = RK4,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import agvjax
 from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, leaves, replace
-from tuning import Between, Free, Objective, Times, Tuner, default_draws, sample
+from tuning import Between, Free, Objective, Times, Tuner, default_draws, report, sample
 from tuning.free import default_bounds, largest_omega_n, stability_bounds
 from tuning.objective import Score
 from tuning.optimise import HISTORY, find_optimizer
@@ -542,3 +542,9 @@ def test_a_diverged_run_of_the_ensemble_counts_and_sends_no_gradient(mode):
     assert (latched, alone) == (1, 0)
     np.testing.assert_allclose(slope, sound * 2 / 3, rtol=1e-9)  # the mean is over three runs, two of which move
     assert np.all(sound != 0)
+
+
+def test_a_limit_on_a_metric_the_table_does_not_show_is_reported_too():
+    batch = agvjax.batch(agvjax.Scenario(), {"start.heading": np.array([0.1, 0.4])})
+    judged = report.judge(agvjax.evaluate(agvjax.NeuroBackstepping(), batch, dt=1e-2, n_steps=100))
+    assert len(report.unmet(judged, judged, {"iae": 0.5, "effort": 1.0})) == 2  # mean and worst, each twice its limit

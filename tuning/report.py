@@ -18,7 +18,7 @@ SHOWN = ("rmse", "effort", "peak_position", "peak_heading", "chatter")
 
 
 class Judged(NamedTuple):
-    """Mean and worst of the shown metrics over an ensemble, of the runs that did not diverge, and how many did."""
+    """Mean and worst of every metric over an ensemble, of the runs that did not diverge, and how many did."""
 
     mean: dict[str, float]
     worst: dict[str, float]
@@ -30,7 +30,7 @@ class Judged(NamedTuple):
 def judge(metrics: agvjax.Metrics) -> Judged:
     """Summary of an ensemble's metrics; the worst index is of a diverged run where there is one."""
     ok = np.asarray(metrics.ok)
-    values = {name: np.asarray(METRICS[name](metrics)) for name in SHOWN}
+    values = {name: np.asarray(metric(metrics)) for name, metric in METRICS.items()}
     kept = {name: v[ok] for name, v in values.items()}
     none = not ok.any()
     return Judged(
@@ -61,8 +61,6 @@ def unmet(before: Judged, after: Judged, limits: Mapping[str, float]) -> list[st
     """The limits that the tuned gains exceed, each with by how much."""
     found = []
     for name, limit in limits.items():
-        if name not in SHOWN:
-            continue
         for what, old, new in (
             ("mean", before.mean[name], after.mean[name]),
             ("worst", before.worst[name], after.worst[name]),

@@ -10,15 +10,17 @@ import numpy as np
 
 import agvjax
 from agvjax._pytree import NONNEGATIVE, POSITIVE, Rule, number
+from agvjax.simulate import DT, N_STEPS
 
 from .ensemble import Draw, default_draws
-from .objective import METRICS
-from .optimise import find_optimizer
+from .objective import METRICS, Objective
+from .optimise import Tuner, find_optimizer
 
 VERSION = 1  # of the file format
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
 WHOLE = Rule("a whole number from 0 to 2^53", lambda x: (x >= 0) & (x <= 2**53) & (x == np.round(x)))
 MOST_STEPS = 1e8
+_GOAL = Objective()  # the defaults of the tuning problem live there, those of its solution in Tuner
 CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
 CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
 
@@ -27,8 +29,8 @@ CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(M
 class Simulate:
     """How `agvjax simulate` steps, and how validation does."""
 
-    dt: float = number(1e-3, "s", POSITIVE, "reading R10")
-    horizon: float = number(12.0, "s", POSITIVE, "reading R10")
+    dt: float = number(DT, "s", POSITIVE, "reading R10")
+    horizon: float = number(DT * N_STEPS, "s", POSITIVE, "reading R10")
     integrator: str = "rk4"
     save_every: int = number(1, "steps", COUNT)
     control_every: int = number(1, "steps", COUNT)
@@ -47,9 +49,9 @@ class Ensemble:
 class Goal:
     """Minimise the mean and the worst of a metric, each relative to the starting gains'."""
 
-    metric: str = "rmse"
-    mean: float = number(1.0, "1", NONNEGATIVE)
-    worst: float = number(0.3, "1", NONNEGATIVE)
+    metric: str = _GOAL.metric
+    mean: float = number(_GOAL.mean, "1", NONNEGATIVE)
+    worst: float = number(_GOAL.worst, "1", NONNEGATIVE)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,19 +61,17 @@ class Tune:
     gains: tuple[str, ...] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     goal: Goal = Goal()
-    limits: dict[str, float] = dataclasses.field(
-        default_factory=lambda: {"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0}
-    )
-    penalty: float = number(3.0, "1", NONNEGATIVE)
-    dt: float = number(5e-3, "s", POSITIVE)
+    limits: dict[str, float] = dataclasses.field(default_factory=lambda: dict(_GOAL.limits))
+    penalty: float = number(_GOAL.penalty, "1", NONNEGATIVE)
+    dt: float = number(Tuner.dt, "s", POSITIVE)
     integrator: str = "rk4"
-    gradient: str = "forward"
-    optimizer: str = "adam"
+    gradient: str = Tuner.gradient
+    optimizer: str = Tuner.optimizer
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
-    learning_rate: float = number(0.1, "1", POSITIVE)
-    iterations: int = number(300, "1", COUNT)
-    patience: int = number(100, "iterations", COUNT)
-    clip: float = number(1.0, "norm of the gradient", POSITIVE)
+    learning_rate: float = number(Tuner.learning_rate, "1", POSITIVE)
+    iterations: int = number(Tuner.iterations, "1", COUNT)
+    patience: int = number(Tuner.patience, "iterations", COUNT)
+    clip: float = number(Tuner.clip, "norm of the gradient", POSITIVE)
     checkpoint_every: int = number(10, "iterations", COUNT)
 
 
