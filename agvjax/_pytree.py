@@ -13,14 +13,17 @@ T = TypeVar("T")
 
 
 class Rule(NamedTuple):
-    """What a number must satisfy: the words for a person and the test, elementwise on a NumPy array."""
+    """What a number must satisfy: the words for a person, the test on a NumPy array, and the interval it means."""
 
     text: str
     holds: Callable[[np.ndarray], Any]
+    low: float = -np.inf
+    high: float = np.inf
 
 
-POSITIVE = Rule("> 0", lambda x: x > 0)
-NONNEGATIVE = Rule(">= 0", lambda x: x >= 0)
+POSITIVE = Rule("> 0", lambda x: x > 0, 0.0)
+NONNEGATIVE = Rule(">= 0", lambda x: x >= 0, 0.0)
+FRACTION = Rule("> 0 and < 1", lambda x: (x > 0) & (x < 1), 0.0, 1.0)
 ANY = Rule("finite", lambda x: np.isfinite(x))
 
 

@@ -74,8 +74,9 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
     if hasattr(controller, "poles"):
         limit = integrator.stable_step(controller.poles())
         if dt > limit:
-            rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the command filter diverge"
-            found.append(Problem("dt", dt, rule, "eq. (22)"))
+            fastest, source = getattr(controller, "fastest", ("law's fastest part", ""))
+            rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the {fastest} diverge"
+            found.append(Problem("dt", dt, rule, source))
     return found
 
 

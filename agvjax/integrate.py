@@ -37,12 +37,19 @@ class Integrator(NamedTuple):
 
     def stable_step(self, poles: np.ndarray) -> float:
         """The largest step [s], within 0.1 %, up to which every mode with one of these poles [1/s] decays."""
-        low, high = 0.0, 10.0 / float(np.max(np.abs(poles)))
-        while high - low > 1e-3 * high:
-            middle = (low + high) / 2
-            decays = all(self.amplification(pole * middle) <= 1 for pole in poles)
-            low, high = (middle, high) if decays else (low, middle)
-        return low
+        if not np.size(poles):
+            return np.inf
+        decays = lambda h: all(self.amplification(pole * h) <= 1 for pole in poles)  # noqa: E731
+        return largest(decays, 10.0 / float(np.max(np.abs(poles))))
+
+
+def largest(holds: Callable[[float], bool], high: float) -> float:
+    """The largest number up to `high`, within 0.1 %, for which `holds`, where it holds for all smaller ones."""
+    low = 0.0
+    while high - low > 1e-3 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 def _add(x: Any, h: Any, rate: Any) -> Any:

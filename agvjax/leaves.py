@@ -62,6 +62,14 @@ def get(tree: Any, name: str) -> Any:
     return tree
 
 
+def rule_of(tree: Any, name: str) -> Any:
+    """The rule written beside the field of a dotted name; None where there is none."""
+    *parents, last = name.split(".")
+    holder = get(tree, ".".join(parents)) if parents else tree
+    fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
+    return next((f.metadata.get("rule") for f in fields if f.name == last), None)
+
+
 def swap(node: Any, values: Mapping[str, Any]) -> Any:
     """`replace` for names known to exist."""
     heads: dict[str, dict[str, Any]] = {}

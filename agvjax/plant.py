@@ -74,13 +74,18 @@ class KinematicYawRate:
         return (-state.velocity[0] * sine + state.velocity[1] * cosine) / L
 
 
+def turned(velocity: Float[Array, "2"], yaw_rate: Float[Array, ""]) -> Float[Array, "2"]:
+    """The acceleration of a velocity that turns at a yaw rate [m/s^2]; also the F that model-based laws cancel."""
+    return yaw_rate * jnp.stack([-velocity[1], velocity[0]])
+
+
 @pytree
 class TurnedVelocity:
     """Reading R9, the default: F = w (-y_n', x_n'), which eq. (4) equals where the point's lateral velocity is L w."""
 
     def __call__(self, state: DecoupledState, yaw_rate: Float[Array, ""], L: Array) -> Float[Array, "2"]:
         """F [m/s^2]."""
-        return yaw_rate * jnp.stack([-state.velocity[1], state.velocity[0]])
+        return turned(state.velocity, yaw_rate)
 
 
 @pytree

@@ -34,7 +34,7 @@ INTEGRATORS = {"euler": (agvjax.EULER, 1), "heun": (agvjax.HEUN, 2), "rk4": (agv
 def packed(trajectory):
     """The trajectory's whole state in the reference's order, shape (n, 18)."""
     r, c = trajectory, trajectory.controller
-    law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.varphi, c.beta2, c.varphi_psi]
+    law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.network.varphi, c.beta2, c.network.varphi_psi]
     return np.column_stack([np.asarray(column) for column in [r.position, r.velocity, r.heading, *law]])
 
 
@@ -250,7 +250,7 @@ def start_to_end(dt, integrator):
         scenario = Scenario(start=Start(position=start[:2], velocity=start[2:4], heading=start[4]))
         r = simulate(NeuroBackstepping(), scenario, dt=dt, n_steps=1, integrator=integrator)
         c = r.controller
-        law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.varphi, c.beta2, c.varphi_psi]
+        law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.network.varphi, c.beta2, c.network.varphi_psi]
         return jnp.concatenate([jnp.atleast_1d(x[1]) for x in [r.position, r.velocity, r.heading, *law]])
 
     return end

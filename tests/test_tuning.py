@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import agvjax
 from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, leaves, replace
 from tuning import Between, Free, Objective, Times, Tuner, default_draws, report, sample
-from tuning.free import default_bounds, largest_omega_n, stability_bounds
+from tuning.free import default_bounds, stability_bounds
 from tuning.objective import Score
 from tuning.optimise import HISTORY, find_optimizer
 from tuning.runs import CHECKPOINT, load, save
@@ -151,7 +151,7 @@ def test_stability_bounds_follow_the_smallest_slope_of_either_side():
 @pytest.mark.parametrize("method", INTEGRATORS.values(), ids=str)
 @pytest.mark.parametrize("zeta", [0.1, 0.5, 0.75, 0.99])
 def test_the_largest_natural_frequency_decays_at_the_step_of_tuning(method, zeta):
-    omega = largest_omega_n(NeuroBackstepping(), 5e-3, method)
+    omega = default_bounds(NeuroBackstepping(), ("omega_n",), {}, 5e-3, method)["omega_n"][1]
     poles = np.roots([1.0, 2 * zeta * omega, omega**2])
     growth = [abs(sum((5e-3 * p) ** k / [1, 1, 2, 6, 24][k] for k in range(method.order + 1))) for p in poles]
     assert max(growth) <= 1

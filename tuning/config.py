@@ -20,12 +20,26 @@ import agvjax
 from agvjax.leaves import children
 
 from .ensemble import Between, Draw, Times, default_draws
+from .free import tunable
 from .objective import METRICS
 from .settings import CHOICES, VERSION, Config, problems
 
+LAWS = {
+    "neuro_backstepping": agvjax.NeuroBackstepping,
+    "backstepping": agvjax.Backstepping,
+    "full_weight": agvjax.FullWeightBackstepping,
+    "osfc": agvjax.OSFC,
+    "asmc": agvjax.ASMC,
+    "dfc": agvjax.DFC,
+    "ftsmc": agvjax.FTSMC,
+    "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
+}
+FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
 CLASSES: dict[str, dict[str, Any]] = {
-    "controller": {"neuro_backstepping": agvjax.NeuroBackstepping},
-    "controller.filter": {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter},
+    "controller": LAWS | {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping},
+    "controller.inner": LAWS,
+    "controller.filter": FILTERS,
+    "controller.inner.filter": FILTERS,
     "scenario.plant": {"decoupled": agvjax.Decoupled},
     "scenario.plant.yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
     "scenario.plant.coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
@@ -78,6 +92,8 @@ class _Reader:
             return self.draws(key, given)
         if key == "tune.bounds":
             return self.bounds(key, given)
+        if key.endswith((".Pi_hat", ".Pi_psi_hat")) and isinstance(given, Mapping):
+            return self.fields(key, agvjax.KnownSlopes(), given)
         if dataclasses.is_dataclass(default) and not isinstance(default, type):
             return self.fields(key, default, given)
         if isinstance(default, dict):
@@ -109,7 +125,7 @@ class _Reader:
         if kind is not None and (not isinstance(kind, str) or kind not in classes):
             self.wrong(f"{key}.type", kind, f"one of {', '.join(classes)}")
             return default
-        if kind is not None and (classes[kind] is None or not isinstance(default, classes[kind])):
+        if kind is not None and (classes[kind] is None or type(default) is not classes[kind]):
             default = None if classes[kind] is None else classes[kind]()
         rest = {name: value for name, value in given.items() if name != "type"}
         if default is None:
@@ -228,6 +244,8 @@ def load(files: Sequence[str], overrides: Sequence[str], command: str = "tune") 
         )
     reader = _Reader()
     config = reader.fields("", Config(), table)
+    if not config.tune.gains:
+        config = dataclasses.replace(config, tune=dataclasses.replace(config.tune, gains=tunable(config.controller)))
     found = reader.problems + problems(config, command)
     if found:
         raise agvjax.InputError(found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import agvjax
-from agvjax.leaves import get
+from agvjax.leaves import get, rule_of
 
 from .ensemble import Draw, lowest
 
@@ -69,27 +68,23 @@ def stability_bounds(controller: Any, scenario: Any, draws: Mapping[str, Draw]) 
     return controller.stability_bounds(*smallest_slopes(scenario, draws))
 
 
-def largest_omega_n(controller: Any, dt: float, integrator: agvjax.Integrator) -> float:
-    """The largest natural frequency whose filter the step still integrates stably, whatever its damping up to 1."""
-
-    def stable(omega_n: float) -> bool:
-        dampings = np.linspace(0.05, 1.0, 20)
-        filters = (dataclasses.replace(controller, omega_n=omega_n, zeta=zeta) for zeta in dampings)
-        return all(integrator.stable_step(f.poles()) >= dt for f in filters)
-
-    low, high = 0.0, 10.0 / dt
-    while high - low > 1e-3 * high:
-        middle = (low + high) / 2
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
-
-
 def default_bounds(
     controller: Any, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
 ) -> dict[str, tuple[float, float]]:
-    """Positive, within the stability conditions, damping at most 1 (after eq. (22)), the filter stable at this step."""
-    bounds = {name: (stability.get(name, 0.0), np.inf) for name in names}
-    if hasattr(controller, "poles"):
-        limits = {"zeta": 1.0, "omega_n": largest_omega_n(controller, dt, integrator) if "omega_n" in names else np.inf}
-        bounds |= {name: (0.0, limit) for name, limit in limits.items() if name in names}
+    """What each gain's own rule allows, the stability conditions, and what a step of `dt` can integrate of the law."""
+    upper = {}
+    if hasattr(controller, "upper_bounds"):
+        upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
+    bounds = {}
+    for name in names:
+        allowed = rule_of(controller, name)
+        low, high = (0.0, np.inf) if allowed is None else (allowed.low, allowed.high)
+        bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
     return bounds
+
+
+def tunable(controller: Any) -> tuple[str, ...]:
+    """The gains to tune by default: those the law names, or every single number of a law that names none."""
+    if hasattr(controller, "tunable"):
+        return tuple(controller.tunable)
+    return tuple(name for name, value in agvjax.leaves(controller).items() if np.ndim(value) == 0)

@@ -58,7 +58,7 @@ class Goal:
 class Tune:
     """The tuning problem and how to solve it; its step is coarser than that of the validation."""
 
-    gains: tuple[str, ...] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+    gains: tuple[str, ...] = ()  # none: those that the law itself names
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     goal: Goal = Goal()
     limits: dict[str, float] = dataclasses.field(default_factory=lambda: dict(_GOAL.limits))
@@ -136,6 +136,9 @@ def _names(config: Config) -> list[agvjax.Problem]:
     for name in tune.gains:
         if name not in gains:
             found.append(agvjax.Problem("tune.gains", name, f"leaves of the controller: {', '.join(gains)}"))
+    if not tune.gains:
+        rule = "names of gains: this law names none to tune by gradient; tune the law inside it"
+        found.append(agvjax.Problem("tune.gains", [], rule))
     if len(set(tune.gains)) < len(tune.gains):
         found.append(agvjax.Problem("tune.gains", list(tune.gains), "names that differ"))
     for name, pair in tune.bounds.items():

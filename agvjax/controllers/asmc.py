@@ -1,0 +1,74 @@
+"""ASMC class: sliding mode whose gains adapt to bounds it does not know."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from ..angle import wrap
+from ..path import Reference
+from ..plant import Command, Measurement, turned
+
+
+@pytree
+class Bounds:
+    """What the law believes of its uncertainty: |disturbance| <= th |w| + D, by channel."""
+
+    th: Float[Array, "2"]
+    D: Float[Array, "2"]  # m/s^2
+    th_psi: Float[Array, ""]
+    D_psi: Float[Array, ""]  # rad/s
+
+
+@pytree
+class ASMC:
+    """Adaptive sliding mode, as a class law: no number of the deadzone is known to it."""
+
+    c: float = number(1.0, "1/s", POSITIVE, "ASMC class, sliding surface")
+    k: float = number(3.0, "1/s", POSITIVE, "ASMC class")
+    gT: float = number(0.5, "s^3/m^2", NONNEGATIVE, "ASMC class, adaptation of th")
+    gD: float = number(2.0, "1/s^2", NONNEGATIVE, "ASMC class, adaptation of D")
+    sg: float = number(0.02, "1/s", NONNEGATIVE, "ASMC class, leak of D")
+    eps: float = number(0.05, "m/s", POSITIVE, "ASMC class, boundary layer")
+    kw: float = number(2.0, "1/s", POSITIVE, "ASMC class")
+    gTw: float = number(0.5, "s/rad^2", NONNEGATIVE, "ASMC class")
+    gDw: float = number(3.0, "1/s^2", NONNEGATIVE, "ASMC class")
+    epsw: float = number(0.05, "rad", POSITIVE, "ASMC class")
+    th_start: float = number(1.0, "1", NONNEGATIVE, "ASMC class")
+    th_max: float = number(5.0, "1", POSITIVE, "ASMC class, projection")
+
+    tunable: ClassVar[tuple[str, ...]] = ("c", "k", "gT", "gD", "sg", "eps", "kw", "gTw", "gDw", "epsw")
+
+    def init(self, measurement: Measurement, reference: Reference) -> Bounds:
+        """Bounds at their start."""
+        none = jnp.zeros_like(measurement.heading)
+        both = jnp.zeros_like(measurement.position)
+        return Bounds(th=both + self.th_start, D=both, th_psi=none + self.th_start, D_psi=none)
+
+    def law(self, flow: Bounds, held: object, measurement: Measurement, reference: Reference) -> tuple[Command, Bounds]:
+        """Commands before the deadzone, and the derivative of the bounds."""
+        error_rate = measurement.velocity - reference.velocity
+        s = error_rate + self.c * (measurement.position - reference.position)
+        w = self.c * error_rate - reference.acceleration + turned(measurement.velocity, measurement.yaw_rate)
+        u = -self.k * s - (flow.th * jnp.abs(w) + flow.D) * _saturated(s / self.eps)
+        s_psi = wrap(measurement.heading - reference.heading)
+        w_psi = -reference.heading_rate
+        omega = -self.kw * s_psi - (flow.th_psi * jnp.abs(w_psi) + flow.D_psi) * _saturated(s_psi / self.epsw)
+        rate = Bounds(
+            th=self._projected(flow.th, self.gT * jnp.abs(s) * jnp.abs(w)),
+            D=self.gD * jnp.abs(s) - self.sg * flow.D,
+            th_psi=self._projected(flow.th_psi, self.gTw * jnp.abs(s_psi) * jnp.abs(w_psi)),
+            D_psi=self.gDw * jnp.abs(s_psi) - self.sg * flow.D_psi,
+        )
+        return Command(position=u, heading=omega), rate
+
+    def _projected(self, th: Array, rate: Array) -> Array:
+        """`th` only grows, and stops at its largest value."""
+        return jnp.where(th < self.th_max, rate, 0.0)
+
+
+def _saturated(x: Array) -> Array:
+    return jnp.clip(x, -1, 1)

@@ -1,0 +1,205 @@
+"""The skeleton of the paper's law: command-filtered integral backstepping, with a place for a network.
+
+`Backstepping` itself has no network: it is the paper's law with (41) and (63) cut short, one of its ablations.
+`NeuroBackstepping` and `FullWeightBackstepping` fill the place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
+from ..angle import wrap
+from ..integrate import largest
+from ..path import Reference
+from ..plant import Command, Measurement
+
+
+@pytree
+class BacksteppingState:
+    """Continuous state of the law."""
+
+    phi1: Float[Array, "2"]  # m/s, filtered virtual control, eq. (22)
+    phi2: Float[Array, "2"]  # m/s, eq. (22)
+    xi1: Float[Array, "2"]  # m, filtering-error compensation, eq. (23)
+    xi2: Float[Array, "2"]  # m/s, eq. (23)
+    beta1: Float[Array, "2"]  # m s, integral of Z1, eq. (25)
+    beta2: Float[Array, ""]  # rad s, integral of Z3, eq. (57)
+    network: Any  # what is adapted; () without a network
+
+
+@pytree
+class CommandFilter:
+    """Eq. (22) as the standard command filter: natural frequency omega_n, damping zeta (reading R5, the default)."""
+
+    def __call__(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of phi1 and phi2."""
+        return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n * (phi1 - alpha1)
+
+    def poles(self, omega_n: float, zeta: float) -> np.ndarray:
+        """Roots of s^2 + 2 zeta omega_n s + omega_n^2 [1/s]."""
+        return np.roots([1.0, 2 * zeta * omega_n, omega_n**2])
+
+
+@pytree
+class LiteralFilter:
+    """Eq. (22) as printed: natural frequency omega_n^1.5, damping zeta / omega_n^0.5 (reading R5, selectable)."""
+
+    def __call__(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of phi1 and phi2."""
+        return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n**2 * (phi1 - alpha1)
+
+    def poles(self, omega_n: float, zeta: float) -> np.ndarray:
+        """Roots of s^2 + 2 zeta omega_n s + omega_n^3 [1/s]."""
+        return np.roots([1.0, 2 * zeta * omega_n, omega_n**3])
+
+
+@pytree
+class NoFilter:
+    """No filter: phi1 is alpha1, its derivative taken exactly. What (22) is there to spare; an ablation."""
+
+    def __call__(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives of phi1, which starts at alpha1 and so stays there, and of phi2, which is idle."""
+        return alpha1_rate, jnp.zeros_like(phi2)
+
+    def poles(self, omega_n: float, zeta: float) -> np.ndarray:
+        """None."""
+        return np.array([])
+
+
+@pytree
+class KnownSlopes:
+    """The true slopes of a deadzone as a belief, the one that the command's own sign selects (readings R2, R3).
+
+    The sign depends on the slope and the slope on the sign. Where both signs are consistent the right one is taken,
+    where neither is, the command is 0.
+    """
+
+    right: float = number(1.0, "1", POSITIVE, "eq. (13)")
+    left: float = number(1.0, "1", POSITIVE, "eq. (13)")
+
+
+def _divided(belief: Any, feedback: Array, rest: Array) -> tuple[Array, Array]:
+    """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is believed constant or known by sign."""
+    if not isinstance(belief, KnownSlopes):
+        inverse = 1 / belief  # one reciprocal a gain leaves the hot loop, a division by it would not
+        return feedback + rest * inverse, inverse
+    inverse_right, inverse_left = 1 / belief.right, 1 / belief.left  # pyright: ignore[reportOperatorIssue]
+    right, left = feedback + rest * inverse_right, feedback + rest * inverse_left
+    u = jnp.where(right > 0, right, jnp.minimum(left, 0))
+    return u, jnp.where(u > 0, inverse_right, inverse_left)
+
+
+@pytree
+class Backstepping:
+    """Eqs. (21)-(25), (41), (57), (63) without the network, with the paper's gains.
+
+    `Pi_hat` and `Pi_psi_hat` are the controller's belief of the deadzone slopes, apart from the plant's truth
+    (readings R2, R3): a number, for `Pi_hat` also one per axis with shape (2,), or `KnownSlopes`.
+    """
+
+    k1: float = number(20.0, "1/s", POSITIVE, "after eq. (32)")
+    k2: float = number(20.0, "1/s", POSITIVE, "eq. (41)")
+    k3: float = number(12.0, "1/s", POSITIVE, "eq. (63)")
+    Lam: float = number(16.0, "1/s^2", NONNEGATIVE, "after eq. (32)")
+    Lam_psi: float = number(9.0, "1/s^2", NONNEGATIVE, "eq. (63)")
+    omega_n: float = number(90.0, "rad/s", POSITIVE, "eq. (22)")
+    zeta: float = number(0.75, "1", POSITIVE, "eq. (22), reading R6")
+    Pi_hat: Any = number(1.0, "1", POSITIVE, "eqs. (41), (45), readings R2, R3", shape=(2,))
+    Pi_psi_hat: Any = number(1.0, "1", POSITIVE, "eqs. (63), (67), readings R2, R3")
+    filter: CommandFilter | LiteralFilter | NoFilter = CommandFilter()
+    wrapped: bool = structure(True)  # reading R17: the paper never wraps Z3
+
+    tunable: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+    fastest: ClassVar[tuple[str, str]] = ("command filter", "eq. (22)")
+
+    def init(self, measurement: Measurement, reference: Reference) -> BacksteppingState:
+        """The state of a law that starts now: the filter at its input, integrals and compensation at 0."""
+        zero, none = jnp.zeros_like(measurement.position), jnp.zeros_like(measurement.heading)
+        return BacksteppingState(
+            phi1=self.virtual_control(measurement.position - reference.position, zero, reference.velocity),  # (22)
+            phi2=zero,
+            xi1=zero,
+            xi2=zero,
+            beta1=zero,
+            beta2=none,
+            network=self.start_network(none),
+        )
+
+    def virtual_control(self, Z1: Array, beta1: Array, velocity: Array) -> Float[Array, "2"]:
+        """After eq. (32). The velocity that would close the position error [m/s]; linear, so also its own rate."""
+        return -self.k1 * Z1 + velocity - self.Lam * beta1
+
+    def law(
+        self, flow: BacksteppingState, held: object, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, BacksteppingState]:
+        """Commands before the deadzone, and the derivative of the law's own state."""
+        s = flow
+        Z1 = measurement.position - reference.position  # (21)
+        Z2 = measurement.velocity - s.phi1  # (21)
+        alpha1 = self.virtual_control(Z1, s.beta1, reference.velocity)
+        alpha1_rate = self.virtual_control(measurement.velocity - reference.velocity, Z1, reference.acceleration)
+        phi1_rate, phi2_rate = self.filter(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta)  # (22)  # pyright: ignore
+        xi1_rate = s.xi2 + (s.phi1 - alpha1) - self.k1 * s.xi1  # (23)
+        xi2_rate = -self.k2 * s.xi2  # (23); 0 forever from its start at 0 (reading R7)
+        Zb2 = Z2 - s.xi2  # (24); Zb1 = Z1 - xi1 enters no law
+
+        Z3 = measurement.heading - reference.heading  # (57)
+        Z3 = wrap(Z3) if self.wrapped else Z3
+        term, term_psi = self.network_terms(s.network, measurement, Zb2, Z3)
+        U_bar, inverse = _divided(self.Pi_hat, -self.k2 * Zb2, phi1_rate - term)  # (41)
+        rest = reference.heading_rate - self.Lam_psi * s.beta2 - term_psi
+        omega_bar, inverse_psi = _divided(self.Pi_psi_hat, -self.k3 * Z3, rest)  # (63)
+
+        rate = BacksteppingState(
+            phi1=phi1_rate,
+            phi2=phi2_rate,
+            xi1=xi1_rate,
+            xi2=xi2_rate,
+            beta1=Z1,  # (25)
+            beta2=Z3,  # (57)
+            network=self.adapt(s.network, measurement, Zb2, Z3, inverse, inverse_psi),
+        )
+        return Command(position=U_bar, heading=omega_bar), rate
+
+    def start_network(self, zero: Float[Array, ""]) -> Any:
+        """What is adapted, at its start."""
+        return ()
+
+    def network_terms(self, network: Any, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple[Any, Any]:
+        """What the network adds to what U_bar (2,) and omega_bar () must cancel, times the slope."""
+        return jnp.zeros_like(Zb2), jnp.zeros_like(Z3)
+
+    def adapt(
+        self, network: Any, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Array, inverse_psi: Array
+    ) -> Any:
+        """Derivative of what is adapted; `inverse` and `inverse_psi` are 1 / Pi_hat and 1 / Pi_psi_hat."""
+        return ()
+
+    def poles(self) -> np.ndarray:
+        """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
+        return self.filter.poles(float(self.omega_n), float(self.zeta))
+
+    def upper_bounds(self, stable: Callable[[np.ndarray], bool]) -> dict[str, float]:
+        """What gains must stay below: `stable(poles)` says whether a step integrates modes with these poles.
+
+        The damping stays at most 1 (after eq. (22)), and the filter stable at any damping from .05 to that.
+        """
+        dampings = np.linspace(0.05, 1.0, 20)
+        fits = lambda omega_n: all(stable(self.filter.poles(omega_n, zeta)) for zeta in dampings)  # noqa: E731
+        return {"zeta": 1.0, "omega_n": largest(fits, 1e6)}
+
+    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
+        """What k1, k2 and k3 must exceed, from eqs. (48), (52) and (70), for the smallest true deadzone slopes."""
+        return {"k1": 1.0, "k2": max(0.5, 0.5 / Pi_min), "k3": 0.5 / Pi_psi_min}

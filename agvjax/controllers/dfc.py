@@ -1,0 +1,35 @@
+"""DFC class: differential flatness, the model inverted and the error fed back."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from .._pytree import POSITIVE, number, pytree
+from ..angle import wrap
+from ..path import Reference
+from ..plant import Command, Measurement, turned
+
+
+@pytree
+class DFC:
+    """Flatness-based control, as a class law: it knows the model and nothing of deadzone or disturbance."""
+
+    kp: float = number(5.0, "1/s^2", POSITIVE, "DFC class")
+    kd: float = number(4.5, "1/s", POSITIVE, "DFC class")
+    kpsi: float = number(5.0, "1/s", POSITIVE, "DFC class")
+
+    tunable: ClassVar[tuple[str, ...]] = ("kp", "kd", "kpsi")
+
+    def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
+        """It remembers nothing."""
+        return ()
+
+    def law(
+        self, flow: tuple[()], held: object, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, tuple[()]]:
+        """Commands before the deadzone."""
+        error, error_rate = measurement.position - reference.position, measurement.velocity - reference.velocity
+        F = turned(measurement.velocity, measurement.yaw_rate)
+        u = reference.acceleration - self.kd * error_rate - self.kp * error - F
+        omega = reference.heading_rate - self.kpsi * wrap(measurement.heading - reference.heading)
+        return Command(position=u, heading=omega), ()

@@ -1,0 +1,99 @@
+"""FTSMC class: a fast terminal sliding surface, reached by a power-rate or a super-twisting law."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._pytree import FRACTION, POSITIVE, number, pytree
+from ..angle import wrap
+from ..path import Reference
+from ..plant import Command, Measurement, turned
+
+
+def signed_power(x: Array, exponent: Array) -> Array:
+    """|x|^exponent sign(x), with slope 0 at x = 0, where the true one is infinite."""
+    size = jnp.where(x == 0, 1.0, jnp.abs(x))
+    return jnp.sign(x) * size**exponent
+
+
+@pytree
+class TerminalSurface:
+    """The surface s = e' + a e + b |e|^g sign(e), and what holds the nominal model on it."""
+
+    a: float = number(0.8, "1/s", POSITIVE, "FTSMC class")
+    b: float = number(0.8, "m^(1-g)/s", POSITIVE, "FTSMC class")
+    g: float = number(0.6, "1", FRACTION, "FTSMC class")
+    margin: float = number(0.01, "m", POSITIVE, "FTSMC class, keeps |e|^(g-1) finite")
+
+    def __call__(self, measurement: Measurement, reference: Reference) -> tuple[Array, Array]:
+        """The surface's s [m/s] and the equivalent command [m/s^2]."""
+        e, e_rate = measurement.position - reference.position, measurement.velocity - reference.velocity
+        s = e_rate + self.a * e + self.b * signed_power(e, self.g)  # pyright: ignore[reportArgumentType]
+        steep = self.b * self.g * jnp.maximum(jnp.abs(e), self.margin) ** (self.g - 1)
+        F = turned(measurement.velocity, measurement.yaw_rate)
+        return s, reference.acceleration - F - self.a * e_rate - steep * e_rate
+
+
+@pytree
+class FTSMC(TerminalSurface):
+    """Finite-time sliding mode, as a class law: it knows the model and nothing of deadzone or disturbance."""
+
+    k1: float = number(1.0, "1/s", POSITIVE, "FTSMC class")
+    k2: float = number(0.8, "m^(1-rho)/s^(2-rho)", POSITIVE, "FTSMC class")
+    rho: float = number(0.6, "1", FRACTION, "FTSMC class")
+    kw1: float = number(2.0, "1/s", POSITIVE, "FTSMC class")
+    kw2: float = number(1.0, "rad^(1-rho)/s", POSITIVE, "FTSMC class")
+
+    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "k1", "k2", "rho", "kw1", "kw2")
+
+    def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
+        """It remembers nothing."""
+        return ()
+
+    def law(
+        self, flow: tuple[()], held: object, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, tuple[()]]:
+        """Commands before the deadzone."""
+        s, u = self(measurement, reference)
+        u = u - self.k1 * s - self.k2 * signed_power(s, self.rho)  # pyright: ignore[reportArgumentType]
+        e_psi = wrap(measurement.heading - reference.heading)
+        omega = reference.heading_rate - self.kw1 * e_psi - self.kw2 * signed_power(e_psi, self.rho)  # pyright: ignore[reportArgumentType]
+        return Command(position=u, heading=omega), ()
+
+
+@pytree
+class TwistingState:
+    """The integrals of the super-twisting law."""
+
+    v: Float[Array, "2"]  # m/s^2
+    v_psi: Float[Array, ""]  # rad/s
+
+
+@pytree
+class SuperTwistingFTSMC(TerminalSurface):
+    """An extra, not in the paper: the same surface reached by super-twisting, whose integral can cancel a disturbance."""
+
+    k1: float = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
+    k2: float = number(2.0, "m/s^3", POSITIVE, "super-twisting")
+    kw1: float = number(2.0, "rad^0.5/s", POSITIVE, "super-twisting")
+    kw2: float = number(2.0, "rad/s^2", POSITIVE, "super-twisting")
+
+    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "k1", "k2", "kw1", "kw2")
+
+    def init(self, measurement: Measurement, reference: Reference) -> TwistingState:
+        """Integrals 0."""
+        return TwistingState(v=jnp.zeros_like(measurement.position), v_psi=jnp.zeros_like(measurement.heading))
+
+    def law(
+        self, flow: TwistingState, held: object, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, TwistingState]:
+        """Commands before the deadzone, and the derivative of the integrals."""
+        half = jnp.asarray(0.5, measurement.heading.dtype)
+        s, u = self(measurement, reference)
+        e_psi = wrap(measurement.heading - reference.heading)
+        omega = reference.heading_rate - self.kw1 * signed_power(e_psi, half) + flow.v_psi
+        rate = TwistingState(v=-self.k2 * jnp.sign(s), v_psi=-self.kw2 * jnp.sign(e_psi))
+        return Command(position=u - self.k1 * signed_power(s, half) + flow.v, heading=omega), rate

@@ -1,0 +1,62 @@
+"""The paper's law with every weight of its networks adapted, which the one-parameter law is compared with in Table 1."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._pytree import POSITIVE, number, pytree
+from ..plant import Measurement
+from ..rbf import RadialBasis
+from .backstepping import Backstepping, BacksteppingState
+
+
+@pytree
+class Weights:
+    """What the networks of the full-weight law adapt; N and M nodes."""
+
+    W: Float[Array, "N 2"]  # m/s^2, position
+    W_psi: Float[Array, " M"]  # rad/s, heading
+
+
+@pytree
+class FullWeightBackstepping(Backstepping):
+    """Class law of Table 1 (reading R18): W' = gamma S Zb2' - eta W from W = 0, the network's output cancelled."""
+
+    gamma1: float = number(0.1, "1/s^2", POSITIVE, "reading R18")
+    gamma2: float = number(0.1, "1/s^2", POSITIVE, "reading R18")
+    eta1: float = number(0.001, "1/s", POSITIVE, "reading R18")
+    eta2: float = number(0.001, "1/s", POSITIVE, "reading R18")
+    position_network: RadialBasis = RadialBasis()
+    heading_network: RadialBasis = RadialBasis()
+
+    @classmethod
+    def with_nodes(cls, nodes: int, **gains: object) -> FullWeightBackstepping:
+        """Networks of so many nodes, equally spaced from -3 to 3."""
+        network = RadialBasis(centers=np.linspace(-3.0, 3.0, nodes))  # pyright: ignore[reportArgumentType]
+        return cls(position_network=network, heading_network=network, **gains)  # pyright: ignore[reportArgumentType]
+
+    def start_network(self, zero: Float[Array, ""]) -> Weights:
+        """All weights 0."""
+        nodes, nodes_psi = (jnp.shape(n.centers)[0] for n in (self.position_network, self.heading_network))
+        return Weights(W=jnp.broadcast_to(zero, (nodes, 2)), W_psi=jnp.broadcast_to(zero, (nodes_psi,)))
+
+    def network_terms(self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple:
+        """W'S, the networks' outputs, eqs. (37) and (60)."""
+        S, S_psi = self.position_network(measurement.velocity), self.heading_network(measurement.heading)
+        return jnp.sum(network.W * S[:, None], axis=0), jnp.sum(network.W_psi * S_psi)
+
+    def adapt(
+        self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Array, inverse_psi: Array
+    ) -> Weights:
+        """Reading R18."""
+        S, S_psi = self.position_network(measurement.velocity), self.heading_network(measurement.heading)
+        return Weights(
+            W=self.gamma1 * S[:, None] * Zb2[None, :] - self.eta1 * network.W,
+            W_psi=self.gamma2 * S_psi * Z3 - self.eta2 * network.W_psi,
+        )
+
+    def weight_norms(self, flow: BacksteppingState) -> Float[Array, "2"]:
+        """Squared norms of the weights, position and heading."""
+        return jnp.stack([jnp.sum(flow.network.W**2), jnp.sum(flow.network.W_psi**2)])

@@ -1,0 +1,81 @@
+"""OSFC class: state feedback on the estimates of an extended-state observer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._pytree import POSITIVE, number, pytree
+from ..angle import wrap
+from ..integrate import largest
+from ..path import Reference
+from ..plant import Command, Measurement
+
+
+@pytree
+class ObserverState:
+    """What the observers believe."""
+
+    z1: Float[Array, "2"]  # m, position
+    z2: Float[Array, "2"]  # m/s, velocity
+    z3: Float[Array, "2"]  # m/s^2, lumped disturbance of the position
+    q1: Float[Array, ""]  # rad, heading
+    q2: Float[Array, ""]  # rad/s, lumped disturbance of the heading
+
+
+@pytree
+class OSFC:
+    """Observer-based state feedback, as a class law: it knows one nominal slope for each channel, no threshold."""
+
+    kp: float = number(5.0, "1/s^2", POSITIVE, "OSFC class")
+    kd: float = number(4.5, "1/s", POSITIVE, "OSFC class")
+    wo: float = number(20.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the position observer")
+    b0: float = number(0.7, "1", POSITIVE, "OSFC class, nominal slope")
+    kpsi: float = number(2.0, "1/s", POSITIVE, "OSFC class")
+    wow: float = number(40.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the heading observer")
+    b0w: float = number(0.8, "1", POSITIVE, "OSFC class, nominal slope")
+
+    tunable: ClassVar[tuple[str, ...]] = ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w")
+    fastest: ClassVar[tuple[str, str]] = ("observer", "OSFC class")
+
+    def init(self, measurement: Measurement, reference: Reference) -> ObserverState:
+        """Observers at the measured state, disturbances 0."""
+        return ObserverState(
+            z1=measurement.position,
+            z2=measurement.velocity,
+            z3=jnp.zeros_like(measurement.position),
+            q1=measurement.heading,
+            q2=jnp.zeros_like(measurement.heading),
+        )
+
+    def law(
+        self, flow: ObserverState, held: object, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, ObserverState]:
+        """Commands before the deadzone, and the derivative of the observers."""
+        s, wo, wow = flow, self.wo, self.wow
+        desired = reference.acceleration - self.kp * (s.z1 - reference.position) - self.kd * (s.z2 - reference.velocity)
+        u = (desired - s.z3) / self.b0
+        omega = (reference.heading_rate - self.kpsi * wrap(s.q1 - reference.heading) - s.q2) / self.b0w
+        e = measurement.position - s.z1
+        e_psi = wrap(measurement.heading - s.q1)
+        rate = ObserverState(
+            z1=s.z2 + 3 * wo * e,
+            z2=s.z3 + self.b0 * u + 3 * wo**2 * e,
+            z3=wo**3 * e,
+            q1=s.q2 + self.b0w * omega + 2 * wow * e_psi,
+            q2=wow**2 * e_psi,
+        )
+        return Command(position=u, heading=omega), rate
+
+    def poles(self) -> np.ndarray:
+        """Poles of the observers [1/s]."""
+        return np.array([-float(self.wo), -float(self.wow)])
+
+    def upper_bounds(self, stable: Callable[[np.ndarray], bool]) -> dict[str, float]:
+        """What the bandwidths must stay below for a step to integrate the observers."""
+        limit = largest(lambda w: stable(np.array([-w])), 1e6)
+        return {"wo": limit, "wow": limit}
