@@ -21,6 +21,7 @@ ELEMENTWISE = frozenset(
     "sinh sqrt square stop_gradient sub tan tanh xor".split()
 )
 CALLS = frozenset({"pjit", "jit", "closed_call", "core_call"})
+MOST_SCALARS = 128  # in the state of a loop; with more (many adapted weights) compiling takes longer than it saves
 Numbers = np.ndarray  # of dtype object: one scalar tracer in each place
 
 
@@ -120,6 +121,18 @@ def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers])
     return [read(v) for v in jaxpr.outvars]
 
 
+def _hoist(closed: Any) -> tuple[Any, list[Any]]:
+    """What depends on constants alone, computed here and once: a jaxpr without it, and its longer list of constants."""
+    jaxpr, known, rest = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), []
+    for equation in jaxpr.eqns:
+        if all(isinstance(v, core.Literal) or v in known for v in equation.invars) and not equation.effects:
+            inputs = [v.val if isinstance(v, core.Literal) else known[v] for v in equation.invars]
+            known |= zip(equation.outvars, _whole(equation, jaxpr)(*inputs), strict=True)
+        else:
+            rest.append(equation)
+    return jaxpr.replace(constvars=list(known), eqns=rest), list(known.values())
+
+
 def split_tree(tree: Any) -> Any:
     """A tree of arrays as a tree of lists of scalars."""
     return jax.tree.map(lambda x: list(split(x).ravel()), tree)
@@ -136,7 +149,8 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
         The rewritten function, and `pack`, which turns its result back into the tree of arrays.
     """
     closed, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
-    consts = [split(c) for c in closed.consts]
+    jaxpr, once = _hoist(closed)
+    consts = [split(c) for c in once]
     places = [np.shape(x) for x in jax.tree.leaves(example)]
     treedef = jax.tree.structure(shapes)
 
@@ -150,7 +164,7 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
                 part[i] = flat[at + i]
             inputs.append(part.reshape(shape))
             at += n
-        out = _interpret(closed.jaxpr, consts, inputs)
+        out = _interpret(jaxpr, consts, inputs)
         return jax.tree.unflatten(treedef, [list(x.ravel()) for x in out])
 
     def pack(numbers: Any) -> Any:

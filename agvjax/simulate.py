@@ -15,7 +15,7 @@ from ._pytree import pytree
 from .integrate import RK4, Integrator
 from .leaves import cast
 from .path import reference
-from .scalarise import scalarise, split_tree
+from .scalarise import MOST_SCALARS, scalarise, split_tree
 
 DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
 CHUNK = 100  # steps whose time-only signals are tabulated at once; also the unit of checkpointing
@@ -144,6 +144,8 @@ class Rollout:
         """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
 
         def steps(carry: Carry, rows: Any) -> Carry:
+            if sum(x.size for x in jax.tree.leaves(carry)) > MOST_SCALARS:
+                return jax.lax.scan(lambda c, row: (self.step(c, row)[0], None), carry, rows)[0]
             step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
             columns = jax.tree.map(lambda x: [x[(slice(None), *i)] for i in np.ndindex(x.shape[1:])], rows)
             # the row travels in the carry, fetched one step ahead: a row read in the body would be read in every kernel

@@ -15,7 +15,7 @@ FLOORS = [
     {"controllers"},
     {"scenario"},
     {"loop", "simulate"},
-    {"metrics", "evaluate"},
+    {"metrics", "evaluate", "lyapunov"},
     {"check", "plot"},
     {"__init__"},
     {"tuning"},

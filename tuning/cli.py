@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune`."""
+    """`agvjax simulate | tune | reproduce | compare`."""
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
@@ -29,6 +29,13 @@ def parser() -> argparse.ArgumentParser:
     )
     tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
     tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
+    reproduce = commands.add_parser(
+        "reproduce", parents=[common], help="rebuild the paper's tables and figures beside the printed numbers"
+    )
+    reproduce.add_argument("--pdf", action="store_true", help="write every figure as PDF too")
+    commands.add_parser(
+        "compare", parents=[common], help="tune every law to the same command budget and judge it on unseen scenarios"
+    )
     return top
 
 
@@ -39,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from . import commands  # late: --help must not wait for JAX
 
         try:
-            return {"simulate": commands.simulate, "tune": commands.tune}[arguments.command](arguments)
+            return getattr(commands, arguments.command)(arguments)
         except (commands.InputError, commands.RunFailed) as error:
             print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
             return 2 if isinstance(error, commands.InputError) else 1

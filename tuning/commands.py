@@ -85,6 +85,52 @@ def tune(arguments: argparse.Namespace) -> int:
     return _conclude(arguments, config, tuner, progress, tuned, stability, out)
 
 
+def reproduce(arguments: argparse.Namespace) -> int:
+    """Rebuild the paper; write figures, tables, report."""
+    from .paper import reproduce as paper  # late: the other commands do not wait for it
+
+    config = _configure(arguments)
+    found = paper.problems(config)
+    if found:
+        raise InputError(found)
+    out = _new_folder(arguments)
+    runs.write(out / "config.toml", configuration.dump(config))
+    command = f"agvjax reproduce{''.join(f' --set {s}' for s in arguments.set)}"
+    with tqdm(total=paper.steps(config), disable=arguments.quiet, unit="part") as bar:
+        progress = _ticker(bar)
+        made = paper.Reproduction(config, progress)
+        paper.write(made, out, command, arguments.pdf, progress)
+    _say(
+        arguments,
+        paper.page.summary(made),
+        f"report, tables and figures written to {out}; begin with {out}/report.html",
+    )
+    return 0
+
+
+def compare(arguments: argparse.Namespace) -> int:
+    """Tune every law to one command budget; write table, figure and report."""
+    from . import compare as comparing
+
+    config = _configure(arguments)
+    out = _new_folder(arguments)
+    runs.write(out / "config.toml", configuration.dump(config))
+    with tqdm(total=len(comparing.laws(config.controller)) + 1, disable=arguments.quiet, unit="law") as bar:
+        comparison, found = comparing.compare(config, _ticker(bar))
+    _say(arguments, comparing.write(comparison, found, out), f"written to {out}; begin with {out}/report.html")
+    return 0
+
+
+def _ticker(bar: Any) -> Any:
+    """Progress by name: one part done, and which."""
+
+    def tick(name: str) -> None:
+        bar.set_postfix_str(name, refresh=False)
+        bar.update()
+
+    return tick
+
+
 def _configure(arguments: argparse.Namespace) -> Config:
     """Settings from files and options, JAX made ready for them."""
     overrides = list(arguments.set)

@@ -21,6 +21,14 @@ METRICS: dict[str, Callable[[agvjax.Metrics], Array]] = {
     "iae": lambda m: jnp.sum(m.iae, -1),
     "ise": lambda m: jnp.sum(m.ise, -1),
     "itae": lambda m: jnp.sum(m.itae, -1),
+    "effort_x": lambda m: m.rms_command[..., 0],
+    "effort_y": lambda m: m.rms_command[..., 1],
+    "effort_heading": lambda m: m.rms_command[..., 2],
+    "peak_x": lambda m: m.peak_command[..., 0],
+    "peak_y": lambda m: m.peak_command[..., 1],
+    "chatter_x": lambda m: m.chatter[..., 0],
+    "chatter_y": lambda m: m.chatter[..., 1],
+    "chatter_heading": lambda m: m.chatter[..., 2],
 }
 UNITS = {"rmse": "m, rad", "effort": "mixed", "peak_position": "m/s^2", "peak_heading": "rad/s", "chatter": "mixed"}
 
@@ -38,8 +46,8 @@ class Objective(NamedTuple):
     """Minimise `mean` and `worst` times a metric over the ensemble, keep others within limits.
 
     The goal's metric and the limited ones are taken relative to `reference`, their mean and worst with the starting
-    gains. A limit holds for the mean and for the worst. A run that diverged counts `latched` times the reference and
-    sends no gradient.
+    gains or with those of another law. A limit holds for the mean and for the worst. A run that diverged counts
+    `latched` times the reference and sends no gradient.
     """
 
     metric: str = "rmse"

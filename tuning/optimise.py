@@ -15,10 +15,12 @@ import optax
 
 import agvjax
 
+from . import slp
 from .free import Free
 from .objective import Objective, Score
 
 FEASIBLE = 1e-3  # a limit counts as met up to a tenth of a percent
+SEQUENTIAL = "slp"  # an optimiser of our own, beside those of optax
 HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped")
 
 
@@ -27,12 +29,12 @@ class Progress(NamedTuple):
 
     iteration: int
     z: Any  # free coordinates
-    optimiser: Any  # state of the optax chain
+    optimiser: Any  # state of the optax chain, or of the sequential linear programme
     best_z: Any
     best: tuple[float, float]  # (excess beyond tolerance, cost) of best_z, compared in this order
     best_iteration: int
     clipped: int  # gradients cut to the allowed norm so far
-    skipped: int  # iterations without a step, their gradient not finite
+    skipped: int  # iterations without a step, their gradient not finite or the slopes of no use
     history: list[tuple[float, ...]]  # a row an iteration: HISTORY, then the gains
 
 
@@ -54,6 +56,7 @@ class Tuner:
     clip: float = 1.0
     patience: int = 100
     gradient: str = "forward"
+    budget: Any = None  # (2, M), what the ratios are taken to; None for what the starting gains achieve
     prepared: Callable[[Any], tuple[Any, Any, Any]] | None = None  # `jacobian` of this very problem, compiled before
 
     @functools.cached_property
@@ -85,7 +88,9 @@ class Tuner:
 
     @functools.cached_property
     def reference(self) -> np.ndarray:
-        """Mean and worst of those metrics with the starting gains; raises `RuntimeError` where every run diverges."""
+        """Mean and worst of those metrics that count as 1; raises `RuntimeError` where every run diverges."""
+        if self.budget is not None:
+            return np.asarray(self.budget)
         start = self.free.coordinates(self.controller)
         values, ok = self.push(start)[:2] if self.gradient == "forward" else jax.jit(self.values)(start)
         if not np.any(ok):
@@ -95,8 +100,8 @@ class Tuner:
         return self.objective.reference(values, ok)
 
     @functools.cached_property
-    def gradient_of(self) -> Callable[[Any], tuple[Score, Any]]:
-        """Z -> score and the gradient of its cost, by the mode of `gradient`."""
+    def gradient_of(self) -> Callable[[Any], tuple[Score, Any, Any]]:
+        """Z -> score, the gradient of its cost by the mode of `gradient`, and in forward mode all it is made of."""
         reference = self.reference
 
         def cost_of(values: Any, ok: Any) -> tuple[Any, Score]:
@@ -107,12 +112,16 @@ class Tuner:
             weights, score = jax.grad(cost_of, has_aux=True)(values, ok)
             return score, jnp.tensordot(slopes, weights, axes=2)
 
-        def reverse(z: Any) -> tuple[Score, Any]:
+        def reverse(z: Any) -> tuple[Score, Any, None]:
             gradient, score = jax.grad(lambda z: cost_of(*self.values(z)), has_aux=True)(z)
-            return score, gradient
+            return score, gradient, None
+
+        def forward(z: Any) -> tuple[Score, Any, Any]:
+            model = self.push(z)
+            return (*weigh(*model), model)
 
         weigh = jax.jit(weigh)
-        return (lambda z: weigh(*self.push(z))) if self.gradient == "forward" else jax.jit(reverse)
+        return forward if self.gradient == "forward" else jax.jit(reverse)
 
     @functools.cached_property
     def update(self) -> Callable[[Any, Any, Any], tuple[Any, Any]]:
@@ -129,21 +138,34 @@ class Tuner:
         """One step along z itself, to see whether this optimiser can be driven by gradients alone."""
         return self.update(z, self.chain.init(z), z)
 
+    @property
+    def sequential(self) -> bool:
+        """Whether steps are linear programmes and not an optax optimiser's."""
+        return self.optimizer == SEQUENTIAL
+
     def begin(self) -> Progress:
         """Before the first iteration: the starting gains, which are also the best so far."""
         z = self.free.coordinates(self.controller)
-        return Progress(0, z, self.chain.init(z), z, (np.inf, np.inf), 0, 0, 0, [])
+        sizes = (z.size, len(self.objective.names), self.batch.size)
+        state = slp.State.begin(*sizes) if self.sequential else self.chain.init(z)
+        return Progress(0, z, state, z, (np.inf, np.inf), 0, 0, 0, [])
 
     def advance(self, p: Progress) -> Progress:
         """One iteration: gradient, the best so far, step."""
-        score, gradient = self.gradient_of(p.z)
+        score, gradient, model = self.gradient_of(p.z)
         norm = float(jnp.linalg.norm(gradient))
-        finite = bool(np.isfinite(norm))
-        clipped, skipped = p.clipped + (finite and norm > self.clip), p.skipped + (not finite)
+        finite = bool(np.isfinite(norm)) and (not self.sequential or slp.usable(model, self.reference))
+        clipped = p.clipped + (finite and norm > self.clip and not self.sequential)
+        skipped = p.skipped + (not finite)
         rank = (max(0.0, float(score.excess) - FEASIBLE), float(score.cost))
         better = rank < p.best
         row = (p.iteration, *(float(s) for s in score), norm, clipped, skipped, *self.gains(p.z))
-        z, state = self.update(gradient, p.optimiser, p.z) if finite else (p.z, p.optimiser)
+        if self.sequential:
+            cost = float(score.cost) if finite else np.nan
+            z, state = slp.step(p.optimiser, p.z, cost, model, self.objective, self.reference)
+            z = jnp.asarray(z, p.z.dtype)
+        else:
+            z, state = self.update(gradient, p.optimiser, p.z) if finite else (p.z, p.optimiser)
         return Progress(
             iteration=p.iteration + 1,
             z=z,
@@ -162,7 +184,9 @@ class Tuner:
         return [float(leaves[name]) for name in self.free.names]
 
     def finished(self, p: Progress) -> bool:
-        """All iterations done, or no better gains for `patience` of them."""
+        """All iterations done, no step left that is worth taking, or no better gains for `patience` iterations."""
+        if self.sequential and p.optimiser.converged:
+            return True
         return p.iteration >= self.iterations or p.iteration - p.best_iteration > self.patience
 
     def best(self, p: Progress) -> Any:

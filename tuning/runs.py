@@ -60,9 +60,9 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
 
 
 def write_figure(path: Path, figure: Any) -> None:
-    """A matplotlib figure as PNG."""
+    """A matplotlib figure, as PNG or PDF by the name of the file."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
+    figure.savefig(buffer, format=path.suffix[1:], dpi=130)
     write(path, buffer.getvalue())
 
 

@@ -3,10 +3,10 @@
 A controller has `init(measurement, reference) -> flow`, its continuous state, and
 `law(flow, held, measurement, reference) -> (Command, flow derivative)`. Memory that jumps at control instants is
 optional: `hold(measurement, reference) -> held` and `jump(flow, held, measurement, reference, h) -> held`, with `h` [s]
-the time between control instants. What tools ask of a law is optional too: `tunable`, the names of the gains to tune;
-`weight_norms(flow)`; `poles()` with `fastest`, `upper_bounds(stable)` and `stability_bounds(Pi_min, Pi_psi_min)`, which keep steps and
-gains where they belong; see `Backstepping`. A law must not need the yaw rate for its heading command where the plant has
-`feedthrough`.
+the time between control instants. A law must not need the yaw rate for its heading command where the plant has
+`feedthrough`. What tools ask of a law is optional: `tunable`, the gains to tune; `weight_norms(flow)`; `poles()` with
+`fastest`, `upper_bounds(stable)` and `stability_bounds(Pi_min, Pi_psi_min)`, which keep steps and gains where they
+belong; see `Backstepping`.
 """
 
 from .asmc import ASMC as ASMC

@@ -74,7 +74,7 @@ class TwistingState:
 
 @pytree
 class SuperTwistingFTSMC(TerminalSurface):
-    """An extra, not in the paper: the same surface reached by super-twisting, whose integral can cancel a disturbance."""
+    """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances."""
 
     k1: float = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
     k2: float = number(2.0, "m/s^3", POSITIVE, "super-twisting")

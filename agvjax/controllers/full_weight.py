@@ -1,4 +1,4 @@
-"""The paper's law with every weight of its networks adapted, which the one-parameter law is compared with in Table 1."""
+"""The paper's law with every weight of its networks adapted, its rival in Table 1."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""The paper's tables and figures rebuilt, each number beside the printed one; `agvjax reproduce`."""

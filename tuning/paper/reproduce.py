@@ -1,0 +1,157 @@
+"""All of the reproduction: run, judge, draw, write."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import agvjax
+from agvjax import lyapunov
+from agvjax.leaves import cast
+
+from .. import runs
+from ..ensemble import sample
+from ..settings import Config, steps_of
+from . import cases, facts, figures, page, tables
+
+WORKERS = 2  # cases compile two at a time
+SAMPLED = 64  # scenarios on which bounds are compared with what is observed
+EXTRAS = ("super_twisting", "fractional", "event", "no_network", "no_integral", "no_filter", "known_slopes")
+
+
+class Reproduction:
+    """Everything that was computed, by what it is about; `page` turns it into a report."""
+
+    def __init__(self, config: Config, progress: Callable[[str], None]):
+        timing = config.simulate
+        self.config = config
+        self.timing = {
+            "dt": timing.dt,
+            "n_steps": steps_of(timing.horizon, timing.dt),
+            "save_every": 1,
+            "integrator": agvjax.INTEGRATORS[timing.integrator],
+        }
+        self.groups = cases.groups(config.controller, config.scenario)
+        self.judged: dict[str, Any] = {}
+        jobs: list[tuple[str, Callable[[], Any]]] = [
+            (name, functools.partial(self._roll, name)) for name in sorted(self.groups, key=_longest_first)
+        ]
+        jobs += [("bounds on sampled scenarios", self._bounds)]
+        with ThreadPoolExecutor(WORKERS) as pool:
+            for name, found in zip([n for n, _ in jobs], pool.map(lambda job: job[1](), jobs), strict=True):
+                if name in self.groups:
+                    self.judged |= found
+                else:
+                    self.bounds = found
+                progress(name)
+        self.trajectories = {name: run[0] for name, run in self.judged.items()}
+        self.tables = {name: tables.table(self.judged, printed) for name, printed in tables.PRINTED.items()}
+        self.extras = tables.table(self.judged, {}, EXTRAS)
+        self.readings = {"default": self.judged["proposed"], "R1 literal": self.judged["R1 literal"]}
+        self.readings |= {name: self.judged[name] for name in cases.readings(config.controller, config.scenario)}
+        self.lyapunov = self._functions()
+        progress("Lyapunov functions")
+        self.network = facts.network(self.judged, self.groups)
+        self.bandwidth = facts.bandwidth(self.judged)
+        self.updates = facts.updates(self.trajectories["event"])
+        self.zeno = facts.zeno(self.groups["event"]["event"], self.timing)
+        progress("intervals of the event trigger")
+        weights = {"1": config.controller}
+        weights |= {str(n): self.groups[f"weights_{n}"][f"weights_{n}"].controller for n in (5, 50)}
+        self.cost = facts.cost(weights, config.scenario, self.timing)  # alone, or it would measure the others
+        progress("cost of a step")
+
+    def _roll(self, name: str) -> dict[str, Any]:
+        finer = cases.FINER.get(name, 1)
+        timing = {"dt": self.timing["dt"] / finer, "n_steps": self.timing["n_steps"] * finer, "save_every": finer}
+        return cases.roll(self.groups[name], self.timing | timing)
+
+    def _bounds(self) -> list[lyapunov.Report]:
+        """Bounds and observed errors on scenarios of the tuning ensemble, the proposed law."""
+        config, law = self.config, agvjax.check(self.config.controller)
+        batch = sample(config.scenario, config.ensemble.draws, SAMPLED, config.seed)
+        stepped = {**self.timing, "save_every": 10 if self.timing["n_steps"] % 10 == 0 else 1}
+        roll = jax.jit(jax.vmap(functools.partial(agvjax.simulate, **stepped), in_axes=(None, batch.axes)))
+        trajectories = roll(law, cast(batch.scenario, jax.numpy.result_type(float)))
+        return [
+            lyapunov.report(law, batch[i], jax.tree.map(lambda x, i=i: x[i], trajectories))
+            for i in range(batch.size)
+            if bool(trajectories.ok[i])
+        ]
+
+    def _functions(self) -> dict[str, Any]:
+        law, scenario = agvjax.check(self.config.controller), self.config.scenario
+        trajectory = jax.tree.map(jax.numpy.asarray, self.trajectories["proposed"])
+        found = lyapunov.constants(law, scenario, trajectory)
+        sensitivity, xi2 = lyapunov.compensation(law, scenario, trajectory)
+        return {
+            "constants": found,
+            "functions": lyapunov.functions(law, scenario, trajectory, found),
+            "report": lyapunov.report(law, scenario, trajectory),
+            "margins": lyapunov.margins(law, scenario),
+            "sensitivity": float(sensitivity),
+            "xi2": float(xi2),
+        }
+
+
+def _longest_first(name: str) -> tuple[int, str]:
+    order = ("proposed", "known b1", "b1", "fractional", "weights_50", "no_filter", "event")
+    return (order.index(name) if name in order else len(order), name)
+
+
+def write(found: Reproduction, out: Path, command: str, pdf: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Tables, figures and pages into a folder; returns `tables.json`'s content."""
+    drawn = figures.paper({name: found.trajectories[name] for name in (*figures.ACTUATED, *figures.UNPREPARED)})
+    drawn |= {
+        "b1": figures.b1(found.network, float(np.asarray(found.config.controller.k2))),
+        "bandwidth": figures.bandwidth(found.judged),
+        "readings": figures.readings({name: run[0] for name, run in found.readings.items()}),
+        "lyapunov": figures.lyapunov(found.trajectories["proposed"], found.lyapunov),
+        "vacuity": figures.vacuity(found.bounds),
+        "event": figures.event(found.trajectories["event"], found.trajectories["proposed"]),
+        "fractional": figures.fractional(found.judged),
+    }
+    for name, figure in drawn.items():
+        figures.caption(name, figure, command)
+        runs.write_figure(out / f"{name}.png", figure)
+        if pdf:
+            runs.write_figure(out / f"{name}.pdf", figure)
+        progress(f"{name}.png")
+    content = {name: tables.plain(made) for name, made in found.tables.items()} | page.data(found)
+    for name, made in (*found.tables.items(), ("extras", found.extras)):
+        runs.write(out / f"{name}.md", tables.markdown(made) + "\n\n" + tables.reasons(made) + "\n")
+        runs.write_csv(out / f"{name}.csv", tables.COLUMNS, tables.rows(made))
+    runs.write_json(out / "tables.json", content)
+    text = page.markdown(found, command)
+    runs.write(out / "report.md", text)
+    runs.write(out / "report.html", page.html(text, out))
+    progress("report")
+    return content
+
+
+def steps(config: Config) -> int:
+    """How often `Reproduction` and `write` report progress."""
+    groups = len(cases.groups(config.controller, config.scenario))
+    return groups + 4 + (len(figures.CAPTIONS) - 1) + 1
+
+
+def problems(config: Config) -> list[agvjax.Problem]:
+    """What the reproduction needs beyond a good configuration."""
+    found = []
+    if type(config.controller) is not agvjax.NeuroBackstepping:
+        kind = type(config.controller).__name__
+        found.append(
+            agvjax.Problem("controller", kind, "neuro_backstepping: the paper's law, whose readings may be set")
+        )
+    if not isinstance(config.scenario.plant, agvjax.Decoupled) or not dataclasses.is_dataclass(config.scenario.path):
+        found.append(
+            agvjax.Problem("scenario.plant", type(config.scenario.plant).__name__, "decoupled, as in the paper")
+        )
+    return found
