@@ -104,7 +104,7 @@ def _respond(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Si
         delivered, actuator_rates = _actuate(scenario, flow.actuators, held.actuators, inputs)
         return measurement, command, inputs, delivered, actuator_rates, law_rate
 
-    response = once({name: jnp.zeros(()) for name in plant.actuators})
+    response = once({name: jnp.zeros_like(signals.time) for name in plant.actuators})
     return once(response[3]) if plant.feedthrough else response
 
 

@@ -13,11 +13,12 @@ States of two axes are listed axis by axis within each quantity: z1x z1y z2x z2y
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from math import copysign, exp
 from typing import Any, Literal
 
 import numpy as np
+import scipy.linalg
 
 import reference
 
@@ -171,8 +172,12 @@ class FTSMC:
 
 @dataclass(frozen=True)
 class SuperTwisting(FTSMC):
-    """The same surface reached by u = equivalent - k1 |s|^.5 sign s + v, v' = -k2 sign s (Levant's law)."""
+    """The same surface reached by u = equivalent - k1 |s|^.5 sat(s/eps) + v, v' = -k2 sat(s/eps).
 
+    Not in SPEC: Levant's law with ASMC's boundary layer in the place of its sign.
+    """
+
+    eps: float = 0.05
     k1: float = 3.0
     k2: float = 2.0
     kw1: float = 2.0
@@ -184,12 +189,15 @@ class SuperTwisting(FTSMC):
     def __call__(self, c, vehicle, r, turned, memory=None):
         x, y, vx, vy, psi = vehicle
         e = wrap(psi - r[6])
-        wb = r[7] - self.kw1 * sig(e, 0.5) + c[2]
+        wb = r[7] - self.twist(self.kw1, e) + c[2]
         Fx, Fy = turned(wb)
         sx, ux = self.surface(x - r[0], vx - r[2], r[4], Fx)
         sy, uy = self.surface(y - r[1], vy - r[3], r[5], Fy)
-        command = ux - self.k1 * sig(sx, 0.5) + c[0], uy - self.k1 * sig(sy, 0.5) + c[1], wb
-        return command, [-self.k2 * sign(sx), -self.k2 * sign(sy), -self.kw2 * sign(e)]
+        rates = [-self.k2 * clip(sx / self.eps), -self.k2 * clip(sy / self.eps), -self.kw2 * clip(e / self.eps)]
+        return (ux - self.twist(self.k1, sx) + c[0], uy - self.twist(self.k1, sy) + c[1], wb), rates
+
+    def twist(self, gain, s):
+        return gain * abs(s) ** 0.5 * clip(s / self.eps)
 
 
 def divided(slopes, feedback, rest):
@@ -317,6 +325,14 @@ def partial_fractions(zeros, poles, gain):
     return np.array([gain * (p - zeros).prod() / np.prod(r) for p, r in zip(poles, rest, strict=True)])
 
 
+@cache
+def held_step(poles, h):
+    """z(h) and the mean of z over h from z(0) and a held input, z' = p z + u: (modes, 2, 2)."""
+    systems = [np.array([[p, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]) for p in poles]
+    grown = np.array([scipy.linalg.expm(h * system) for system in systems])
+    return np.stack([grown[:, 0, :2], grown[:, 2, :2] / h], axis=1)
+
+
 @dataclass(frozen=True)
 class Fractional:
     """Section 6: beta' = s^(1 - lam) Z, the realisation's states exact for inputs held over a step."""
@@ -331,7 +347,7 @@ class Fractional:
         return self.inner.start(vehicle, r)
 
     def remember(self, vehicle, r, turned):
-        return np.zeros((2 * self.N + 1, 3)), np.zeros(3)
+        return np.zeros((2 * self.N + 1, 3)), np.zeros(3), np.zeros((2 * self.N + 1, 3))
 
     @cached_property
     def modes(self):
@@ -339,15 +355,16 @@ class Fractional:
         return poles, partial_fractions(zeros, poles, gain), gain
 
     def jump(self, memory, c, vehicle, r, turned, h):
-        z, last = memory
-        poles = self.modes[0][:, None]
-        now = [vehicle[0] - r[0], vehicle[1] - r[1], wrap(vehicle[4] - r[6])]
-        return np.exp(poles * h) * z + (np.exp(poles * h) - 1) / poles * last, np.array(now)
+        z, last, _ = memory
+        now = np.array([vehicle[0] - r[0], vehicle[1] - r[1], wrap(vehicle[4] - r[6])])
+        step = held_step(tuple(self.modes[0]), h)
+        z = step[:, 0, :1] * z + step[:, 0, 1:] * last
+        return z, now, step[:, 1, :1] * z + step[:, 1, 1:] * now
 
     def __call__(self, c, vehicle, r, turned, memory):
         command, rates = self.inner(c, vehicle, r, turned)
         _, residues, gain = self.modes
-        rates[8:11] = (gain * np.array(rates[8:11]) + residues @ memory[0]).tolist()
+        rates[8:11] = (gain * np.array(rates[8:11]) + residues @ memory[2]).tolist()
         return command, rates
 
 

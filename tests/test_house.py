@@ -15,7 +15,7 @@ FLOORS = [
     {"controllers"},
     {"scenario"},
     {"loop", "simulate"},
-    {"metrics", "evaluate", "lyapunov"},
+    {"metrics", "evaluate", "lyapunov", "bounds"},
     {"check", "plot"},
     {"__init__"},
     {"tuning"},

@@ -76,12 +76,15 @@ class TwistingState:
 class SuperTwistingFTSMC(TerminalSurface):
     """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances."""
 
+    eps: float = number(
+        0.05, "m/s, rad", POSITIVE, "super-twisting, boundary layer as ASMC's; keeps it from chattering"
+    )
     k1: float = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
     k2: float = number(2.0, "m/s^3", POSITIVE, "super-twisting")
     kw1: float = number(2.0, "rad^0.5/s", POSITIVE, "super-twisting")
     kw2: float = number(2.0, "rad/s^2", POSITIVE, "super-twisting")
 
-    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "k1", "k2", "kw1", "kw2")
+    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "eps", "k1", "k2", "kw1", "kw2")
 
     def init(self, measurement: Measurement, reference: Reference) -> TwistingState:
         """Integrals 0."""
@@ -91,9 +94,10 @@ class SuperTwistingFTSMC(TerminalSurface):
         self, flow: TwistingState, held: object, measurement: Measurement, reference: Reference
     ) -> tuple[Command, TwistingState]:
         """Commands before the deadzone, and the derivative of the integrals."""
-        half = jnp.asarray(0.5, measurement.heading.dtype)
         s, u = self(measurement, reference)
         e_psi = wrap(measurement.heading - reference.heading)
-        omega = reference.heading_rate - self.kw1 * signed_power(e_psi, half) + flow.v_psi
-        rate = TwistingState(v=-self.k2 * jnp.sign(s), v_psi=-self.kw2 * jnp.sign(e_psi))
-        return Command(position=u - self.k1 * signed_power(s, half) + flow.v, heading=omega), rate
+        half = jnp.asarray(0.5, measurement.heading.dtype)
+        sign, sign_psi = jnp.clip(s / self.eps, -1, 1), jnp.clip(e_psi / self.eps, -1, 1)
+        u = u - self.k1 * signed_power(s, half) * jnp.abs(sign) + flow.v
+        omega = reference.heading_rate - self.kw1 * signed_power(e_psi, half) * jnp.abs(sign_psi) + flow.v_psi
+        return Command(position=u, heading=omega), TwistingState(v=-self.k2 * sign, v_psi=-self.kw2 * sign_psi)

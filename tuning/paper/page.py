@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from markdown_it import MarkdownIt
 
-from agvjax.lyapunov import VACUOUS
+from agvjax.bounds import VACUOUS
 
 from . import cases, tables
 from .cases import LABELS
@@ -249,14 +249,15 @@ def markdown(found: Any, command: str) -> str:
 
 Maaruf & Mysorewala, *Neuro-adaptive path following control of autonomous ground vehicles with input deadzone*, Discover
 Applied Sciences 6:415 (2024). Made by `{command}`: {config.simulate.horizon:g} s,
-{config.simulate.integrator.upper()} at {config.simulate.dt:g} s, {config.precision}-bit. No gain and no reading was tuned to match a printed number.
+{config.simulate.integrator.upper()} at {config.simulate.dt:g} s, {config.precision}-bit. No gain and no
+reading was tuned to match a printed number.
 
 {summary(found)}
 
 {tables.RULES} RMSE is over the whole lap by the trapezoid; a channel has settled when it stays within 0.05 (m or
-rad) to the end, and is unsettled when it leaves that band in the last second. Where the paper is silent or contradicts itself a
-reading was chosen (R1 to R18); those that matter are compared below. OSFC, ASMC, DFC and FTSMC are laws of the class
-that the paper names, with gains of our choice, since it gives neither law nor gains.
+rad) to the end, and is unsettled when it leaves that band in the last second. Where the paper is silent or contradicts
+itself a reading was chosen (R1 to R18); those that matter are compared below. OSFC, ASMC, DFC and FTSMC are laws
+of the class that the paper names, with gains of our choice, since it gives neither law nor gains.
 
 ## The paper's figures and tables, in its order
 
@@ -323,7 +324,7 @@ Largest derivative of a command in xi1 along the run: {found.lyapunov["sensitivi
 
 {image("lyapunov")}
 
-The corrected bounds, their proof and what they are conditional on are in `agvjax/lyapunov.py` (reading R14).
+The corrected bounds, their proof and what they are conditional on are in `agvjax/bounds.py` (reading R14).
 
 {constants(found)}
 
@@ -345,8 +346,8 @@ Held until it differs by 10 % and 0.1; RMSE against the continuous law: {relativ
 
 {event(found)}
 
-The shortest interval is looked for at ever finer steps; where it goes on shrinking with the step it is the grid's and not
-the law's.
+The shortest interval is looked for at ever finer steps; where it goes on shrinking with the step it is the grid's
+and not the law's.
 
 {image("event")}
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 import agvjax
-from agvjax import lyapunov
+from agvjax import bounds, lyapunov
 from agvjax.leaves import cast
 
 from .. import runs
@@ -73,7 +73,7 @@ class Reproduction:
         timing = {"dt": self.timing["dt"] / finer, "n_steps": self.timing["n_steps"] * finer, "save_every": finer}
         return cases.roll(self.groups[name], self.timing | timing)
 
-    def _bounds(self) -> list[lyapunov.Report]:
+    def _bounds(self) -> list[bounds.Report]:
         """Bounds and observed errors on scenarios of the tuning ensemble, the proposed law."""
         config, law = self.config, agvjax.check(self.config.controller)
         batch = sample(config.scenario, config.ensemble.draws, SAMPLED, config.seed)
@@ -81,7 +81,7 @@ class Reproduction:
         roll = jax.jit(jax.vmap(functools.partial(agvjax.simulate, **stepped), in_axes=(None, batch.axes)))
         trajectories = roll(law, cast(batch.scenario, jax.numpy.result_type(float)))
         return [
-            lyapunov.report(law, batch[i], jax.tree.map(lambda x, i=i: x[i], trajectories))
+            bounds.report(law, batch[i], jax.tree.map(lambda x, i=i: x[i], trajectories))
             for i in range(batch.size)
             if bool(trajectories.ok[i])
         ]
@@ -94,7 +94,7 @@ class Reproduction:
         return {
             "constants": found,
             "functions": lyapunov.functions(law, scenario, trajectory, found),
-            "report": lyapunov.report(law, scenario, trajectory),
+            "report": bounds.report(law, scenario, trajectory),
             "margins": lyapunov.margins(law, scenario),
             "sensitivity": float(sensitivity),
             "xi2": float(xi2),

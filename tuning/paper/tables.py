@@ -17,7 +17,8 @@ APART = 0.01  # two figures stand in an order if they differ by more than this s
 
 RULES = (
     f"**Reproduced**: within {SAME:.0%} of the print, or unsettled in both. **Ordering**: not that, but against"
-    f" every other controller of the table the figure stands as in the print, apart by more than {APART:.0%}. **Not**: neither."
+    f" every other controller of the table the figure stands as in the print, apart by more than {APART:.0%}."
+    " **Not**: neither."
 )
 
 
@@ -171,7 +172,7 @@ def counts(made: Table) -> dict[str, dict[str, int]]:
 
 
 def pairs(runs: Mapping[str, Any], printed: Mapping[str, Printed]) -> dict[str, tuple[int, int]]:
-    """By metric: of all comparisons of two controllers in one channel that the print decides, how many go as printed."""
+    """By metric: of the comparisons of two controllers in a channel that the print decides, how many go as printed."""
     found = {}
     names = list(printed)
     for metric in ("settling_time", "rmse"):
