@@ -80,7 +80,8 @@ def _judged(runs: Mapping[str, Any], printed: Mapping[str, Printed], name: str, 
         theirs = _order(paper, float(getattr(printed[other], metric)[i]))
         if other != name and _order(ours, _value(runs, other, i, metric)) != theirs:
             wrong.append(f"{LABELS[other]} ({_IN_PRINT[theirs]})")
-    if (np.isinf(ours) and np.isinf(paper)) or abs(ours - paper) <= SAME * paper:
+    same = np.isinf(ours) if np.isinf(paper) else abs(ours - paper) <= SAME * paper
+    if same:
         verdict, why = "reproduced", "unsettled in both" if np.isinf(ours) else f"{ours / paper - 1:+.1%}"
     else:
         verdict = "not" if wrong else "ordering"
