@@ -12,7 +12,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune dev test slow check lint types notebooks format clean
+.PHONY: help tune reproduce compare dev test slow check lint types notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -20,6 +20,12 @@ help: ## this list
 
 tune: $(VENV)/.installed ## tune the gains of the paper's controller; results in runs/tune-TIME, or in OUT; more options in ARGS
 	$(BIN)/agvjax tune $(if $(OUT),--out $(OUT)) $(ARGS)
+
+reproduce: $(VENV)/.installed ## rebuild the paper's tables and figures; results in runs/reproduce-TIME, or in OUT
+	$(BIN)/agvjax reproduce $(if $(OUT),--out $(OUT)) $(ARGS)
+
+compare: $(VENV)/.installed ## tune every law to one command budget; results in runs/compare-TIME, or in OUT
+	$(BIN)/agvjax compare $(if $(OUT),--out $(OUT)) $(ARGS)
 
 dev: $(VENV)/.installed-dev ## .venv with the package and the tools for development
 

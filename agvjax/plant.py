@@ -123,7 +123,7 @@ class Decoupled:
         return {"position": command.position, "heading": command.heading}
 
     def derivative(self, state: DecoupledState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:
-        """Eq. (6). Derivative of the state under the delivered inputs and a disturbance of shape (3,)."""
+        """Eqs. (6) and (55). Derivative of the state under the delivered inputs and a disturbance of shape (3,)."""
         yaw_rate = self.yaw_rate(state, delivered, self.L)  # pyright: ignore[reportArgumentType]
         F = self.coupling(state, yaw_rate, self.L)  # pyright: ignore[reportArgumentType]
         return DecoupledState(

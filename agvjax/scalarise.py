@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.extend import core
 
 ELEMENTWISE = frozenset(
@@ -39,6 +40,29 @@ def join(x: Numbers) -> Any:
     return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
 
 
+def _token(x: Any) -> Any:
+    """Equal for equal numbers; a tracer, which `Once` keeps alive, is equal to itself alone."""
+    return (np.dtype(x.dtype).str, x.item()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
+
+
+class Once:
+    """Scalar operations, each bound once: a law asked twice at one instant costs no second trace."""
+
+    def __init__(self) -> None:
+        self.known: dict[Any, tuple[Any, Any]] = {}
+
+    def bind(self, primitive: Any, params: dict[str, Any], inputs: tuple[Any, ...]) -> Any:
+        """The primitive on scalars."""
+        try:
+            key = (primitive, tuple(params.items()), tuple(map(_token, inputs)))
+            hash(key)
+        except (TypeError, AttributeError):  # parameters or numbers that cannot be compared
+            return primitive.bind(*inputs, **params)
+        if key not in self.known:
+            self.known[key] = (primitive.bind(*inputs, **params), inputs)
+        return self.known[key][0]
+
+
 def _each(function: Callable[..., Any], inputs: Sequence[Numbers]) -> Numbers:
     arrays = np.broadcast_arrays(*inputs)
     out = np.empty(arrays[0].shape, object)
@@ -47,19 +71,16 @@ def _each(function: Callable[..., Any], inputs: Sequence[Numbers]) -> Numbers:
     return out
 
 
-def _reduce(bind: Callable[[Any, Any], Any]) -> Callable[..., Numbers]:
-    def reduce(x: Numbers, *, axes: tuple[int, ...], **_: Any) -> Numbers:
-        kept = [i for i in range(x.ndim) if i not in axes]
-        x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
-        out = np.empty(x.shape[:-1], object)
-        for i in np.ndindex(out.shape):
-            total = x[i][0]
-            for term in x[i][1:]:
-                total = bind(total, term)
-            out[i] = total
-        return out
-
-    return reduce
+def _reduce(primitive: Any, x: Numbers, axes: tuple[int, ...], once: Once) -> Numbers:
+    kept = [i for i in range(x.ndim) if i not in axes]
+    x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
+    out = np.empty(x.shape[:-1], object)
+    for i in np.ndindex(out.shape):
+        total = x[i][0]
+        for term in x[i][1:]:
+            total = once.bind(primitive, {}, (total, term))
+        out[i] = total
+    return out
 
 
 def _broadcast(x: Numbers, *, shape: Any, broadcast_dimensions: Any, **_: Any) -> Numbers:
@@ -79,9 +100,6 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
     "concatenate": lambda *x, dimension, **_: np.concatenate(x, axis=dimension),
     "expand_dims": lambda x, *, dimensions, **_: np.expand_dims(x, dimensions),
     "reshape": lambda x, *, new_sizes, **_: x.reshape(new_sizes),
-    "reduce_max": _reduce(jax.lax.max),
-    "reduce_min": _reduce(jax.lax.min),
-    "reduce_sum": _reduce(jax.lax.add),
     "rev": lambda x, *, dimensions, **_: np.flip(x, dimensions),
     "slice": _slice,
     "squeeze": lambda x, *, dimensions, **_: np.squeeze(x, dimensions),
@@ -90,15 +108,20 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 }
 
 
-def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers]) -> list[Numbers]:
+REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": lax.add_p}
+
+
+def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list[Numbers]:
     name, params = equation.primitive.name, equation.params
     if name in ELEMENTWISE:
-        return [_each(lambda *x: equation.primitive.bind(*x, **params), inputs)]
+        return [_each(lambda *x: once.bind(equation.primitive, params, x), inputs)]
+    if name in REDUCTIONS:
+        return [_reduce(REDUCTIONS[name], *inputs, params["axes"], once)]
     if name in STRUCTURAL:
         return [STRUCTURAL[name](*inputs, **params)]
     if name in CALLS:
         inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
-        return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs)
+        return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs, once)
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 
@@ -110,27 +133,43 @@ def _whole(equation: Any, jaxpr: Any) -> Callable[..., list[Any]]:
     return core.jaxpr_as_fun(core.ClosedJaxpr(alone, []))
 
 
-def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers]) -> list[Numbers]:
+def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers], once: Once) -> list[Numbers]:
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *inputs], strict=True))
 
     def read(atom: Any) -> Numbers:
         return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
 
     for equation in jaxpr.eqns:
-        known |= zip(equation.outvars, _apply(equation, jaxpr, [read(v) for v in equation.invars]), strict=True)
+        known |= zip(equation.outvars, _apply(equation, jaxpr, [read(v) for v in equation.invars], once), strict=True)
     return [read(v) for v in jaxpr.outvars]
+
+
+def _used(jaxpr: Any) -> list[Any]:
+    """The equations that something comes of."""
+    wanted, used = {v for v in jaxpr.outvars if not isinstance(v, core.Literal)}, []
+    for equation in reversed(jaxpr.eqns):
+        if equation.effects or not wanted.isdisjoint(equation.outvars):
+            wanted.update(v for v in equation.invars if not isinstance(v, core.Literal))
+            used.append(equation)
+    return used[::-1]
 
 
 def _hoist(closed: Any) -> tuple[Any, list[Any]]:
     """What depends on constants alone, computed here and once: a jaxpr without it, and its longer list of constants."""
     jaxpr, known, rest = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), []
-    for equation in jaxpr.eqns:
+    for equation in _used(jaxpr):
         if all(isinstance(v, core.Literal) or v in known for v in equation.invars) and not equation.effects:
             inputs = [v.val if isinstance(v, core.Literal) else known[v] for v in equation.invars]
-            known |= zip(equation.outvars, _whole(equation, jaxpr)(*inputs), strict=True)
+            if equation.primitive.name in ELEMENTWISE:
+                outputs = [equation.primitive.bind(*inputs, **equation.params)]
+            else:
+                outputs = _whole(equation, jaxpr)(*inputs)
+            known |= zip(equation.outvars, outputs, strict=True)
         else:
             rest.append(equation)
-    return jaxpr.replace(constvars=list(known), eqns=rest), list(known.values())
+    read = {v for equation in rest for v in equation.invars if not isinstance(v, core.Literal)}
+    kept = [v for v in known if v in read or v in jaxpr.outvars]  # the others would be split for nothing
+    return jaxpr.replace(constvars=kept, eqns=rest), [known[v] for v in kept]
 
 
 def split_tree(tree: Any) -> Any:
@@ -164,7 +203,7 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
                 part[i] = flat[at + i]
             inputs.append(part.reshape(shape))
             at += n
-        out = _interpret(jaxpr, consts, inputs)
+        out = _interpret(jaxpr, consts, inputs, Once())
         return jax.tree.unflatten(treedef, [list(x.ravel()) for x in out])
 
     def pack(numbers: Any) -> Any:

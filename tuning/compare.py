@@ -43,15 +43,15 @@ class Tuned(NamedTuple):
 
 
 def laws(proposed: Any) -> dict[str, Any]:
-    """The laws that are tuned, with their own gains; the event-triggered law follows from the first."""
+    """The laws that are tuned, with their own gains, those that take longest first."""
     return {
+        "fractional": agvjax.FractionalBackstepping(inner=proposed),
         "proposed": proposed,
         "osfc": agvjax.OSFC(),
         "asmc": agvjax.ASMC(),
         "dfc": agvjax.DFC(),
         "ftsmc": agvjax.FTSMC(),
         "super_twisting": agvjax.SuperTwistingFTSMC(),
-        "fractional": agvjax.FractionalBackstepping(inner=proposed),
     }
 
 
@@ -194,9 +194,15 @@ def statements(made: list[dict[str, Any]]) -> list[str]:
     worse = [LABELS[r["law"]] for r in made if r["mean_after"] > 1.01 * base["mean_after"]]
     alike = [LABELS[r["law"]] for r in made if LABELS[r["law"]] not in (*better, *worse, "Proposed")]
     said = []
-    for names, words in ((better, "track better"), (worse, "track worse"), (alike, "track alike, within 1 %")):
+    for names, words in (
+        (better, "these track better"),
+        (worse, "these track worse"),
+        (alike, "these track alike, within 1 %,"),
+    ):
         if names:
-            said.append(f"At the same command budget {', '.join(names)} {words} in mean RMSE than the proposed law.")
+            said.append(
+                f"Beside the proposed law at the same command budget, {words} in mean RMSE: {', '.join(names)}."
+            )
     diverged = [f"{LABELS[r['law']]} {r['diverged_after']}" for r in made if r["diverged_after"]]
     said.append(f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}.")
     return said

@@ -22,7 +22,7 @@ LABELS = {
     "dfc": "DFC",
     "weights_5": "5 weights",
     "weights_50": "50 weights",
-    "super_twisting": "FTSMC, super-twisting (extra)",
+    "super_twisting": "super-twisting FTSMC (extra)",
     "event": "event-triggered",
     "fractional": "fractional integral",
     "no_network": "no network",
