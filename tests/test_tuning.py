@@ -480,6 +480,20 @@ def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):
     same(got._replace(history=[]), wanted._replace(history=[]))
 
 
+def test_the_sequential_tuner_keeps_its_limits_and_resumes(small, solved, tmp_path):
+    settings = {"optimizer": "slp", "iterations": 25, "prepared": small.push, "objective": Objective(penalty=10.0)}
+    whole = small_tuner(**settings)
+    wanted = iterate(whole, whole.begin())
+    excess, cost = wanted.best
+    assert excess == 0.0  # of a tenth of a percent
+    assert cost < solved.best[1] + 1e-3 if solved.best[0] == 0 else cost < 1.3  # as far as Adam, in fewer looks
+    save(tmp_path, iterate(whole, whole.begin(), until=4))
+    again = small_tuner(**settings)
+    got = iterate(again, load(tmp_path, again.begin()))
+    assert np.array_equal(got.history, wanted.history)
+    same(got._replace(history=[]), wanted._replace(history=[]))
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # numpy.load leaves a bad archive open
 def test_a_checkpoint_that_is_missing_or_damaged_is_named(small, solved, tmp_path):
     path = tmp_path / CHECKPOINT

@@ -228,6 +228,8 @@ def _tuner(config: Config) -> tuple[Tuner, dict[str, float]]:
         patience=settings.patience,
         gradient=settings.gradient,
     )
+    if tuner.sequential:
+        return tuner, stability
     try:
         jax.eval_shape(tuner.try_update, free.coordinates(config.controller))
     except Exception as error:  # optax and its optimisers raise whatever they meet

@@ -99,29 +99,32 @@ class Tuner:
             )
         return self.objective.reference(values, ok)
 
-    @functools.cached_property
-    def gradient_of(self) -> Callable[[Any], tuple[Score, Any, Any]]:
-        """Z -> score, the gradient of its cost by the mode of `gradient`, and in forward mode all it is made of."""
-        reference = self.reference
+    def cost_of(self, values: Any, ok: Any) -> tuple[Any, Score]:
+        """Cost of an ensemble's metrics, and what it is made of."""
+        score = self.objective.score(values, ok, self.reference)
+        return score.cost, score
 
-        def cost_of(values: Any, ok: Any) -> tuple[Any, Score]:
-            score = self.objective.score(values, ok, reference)
-            return score.cost, score
+    @functools.cached_property
+    def weigh(self) -> Callable[[Any, Any, Any], tuple[Score, Any]]:
+        """What `push` returns -> score and the gradient of its cost."""
+        _ = self.reference  # a number: computed before anything is traced
 
         def weigh(values: Any, ok: Any, slopes: Any) -> tuple[Score, Any]:
-            weights, score = jax.grad(cost_of, has_aux=True)(values, ok)
+            weights, score = jax.grad(self.cost_of, has_aux=True)(values, ok)
             return score, jnp.tensordot(slopes, weights, axes=2)
 
-        def reverse(z: Any) -> tuple[Score, Any, None]:
-            gradient, score = jax.grad(lambda z: cost_of(*self.values(z)), has_aux=True)(z)
-            return score, gradient, None
+        return jax.jit(weigh)
 
-        def forward(z: Any) -> tuple[Score, Any, Any]:
-            model = self.push(z)
-            return (*weigh(*model), model)
+    @functools.cached_property
+    def gradient_of(self) -> Callable[[Any], tuple[Score, Any]]:
+        """Z -> score and the gradient of its cost, by the mode of `gradient`."""
+        _ = self.reference  # as above
 
-        weigh = jax.jit(weigh)
-        return forward if self.gradient == "forward" else jax.jit(reverse)
+        def reverse(z: Any) -> tuple[Score, Any]:
+            gradient, score = jax.grad(lambda z: self.cost_of(*self.values(z)), has_aux=True)(z)
+            return score, gradient
+
+        return (lambda z: self.weigh(*self.push(z))) if self.gradient == "forward" else jax.jit(reverse)
 
     @functools.cached_property
     def update(self) -> Callable[[Any, Any, Any], tuple[Any, Any]]:
@@ -152,7 +155,8 @@ class Tuner:
 
     def advance(self, p: Progress) -> Progress:
         """One iteration: gradient, the best so far, step."""
-        score, gradient, model = self.gradient_of(p.z)
+        model = self.push(p.z) if self.sequential else None
+        score, gradient = self.weigh(*model) if model else self.gradient_of(p.z)
         norm = float(jnp.linalg.norm(gradient))
         finite = bool(np.isfinite(norm)) and (not self.sequential or slp.usable(model, self.reference))
         clipped = p.clipped + (finite and norm > self.clip and not self.sequential)

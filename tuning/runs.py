@@ -116,4 +116,4 @@ def _same(saved: np.ndarray, like: Any) -> Any:
         raise ValueError(
             f"it holds an array {saved.dtype}{saved.shape} where the problem has {like.dtype}{np.shape(like)}"
         )
-    return jax.numpy.asarray(saved)
+    return saved if isinstance(like, np.ndarray) else jax.numpy.asarray(saved)

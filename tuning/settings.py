@@ -14,7 +14,7 @@ from agvjax.simulate import DT, N_STEPS
 
 from .ensemble import Draw, default_draws
 from .objective import METRICS, Objective
-from .optimise import Tuner, find_optimizer
+from .optimise import SEQUENTIAL, Tuner, find_optimizer
 
 VERSION = 1  # of the file format
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
@@ -156,10 +156,18 @@ def _names(config: Config) -> list[agvjax.Problem]:
             found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
     if not config.ensemble.draws:
         found.append(agvjax.Problem("ensemble.draws", "{}", "at least one leaf of the scenario"))
+    if tune.optimizer == SEQUENTIAL:
+        if tune.gradient != "forward":
+            found.append(
+                agvjax.Problem("tune.gradient", tune.gradient, f"forward: {SEQUENTIAL} needs the whole Jacobian")
+            )
+        if tune.options:
+            found.append(agvjax.Problem("tune.options", dict(tune.options), f"empty: {SEQUENTIAL} has none"))
+        return found
     try:
         find_optimizer(tune.optimizer)(1.0, **tune.options)
     except Exception as error:  # optax and its optimisers raise whatever they meet
-        rule = f"an optimiser of optax that takes a learning rate, and options that it knows ({error})"
+        rule = f"{SEQUENTIAL}, or an optimiser of optax that takes a learning rate, and options it knows ({error})"
         found.append(agvjax.Problem("tune.optimizer", tune.optimizer, rule))
     return found
 

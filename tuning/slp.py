@@ -84,7 +84,7 @@ def step(state: State, z: Any, cost: float, model: Any, objective: Objective, re
         return z, state._replace(radius=np.array(0.0))
     change, value = solve(state, objective, reference, radius)
     promised = float(state.cost) - value
-    radius = radius if promised > 1e-6 else 0.0  # nothing left to gain
+    radius = radius if promised > 1e-5 * abs(float(state.cost)) else 0.0  # nothing left to gain
     return state.center + change, state._replace(radius=np.array(radius), promised=np.array(promised))
 
 
