@@ -116,7 +116,7 @@ def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list
     if name in ELEMENTWISE:
         return [_each(lambda *x: once.bind(equation.primitive, params, x), inputs)]
     if name in REDUCTIONS:
-        return [_reduce(REDUCTIONS[name], *inputs, params["axes"], once)]
+        return [_reduce(REDUCTIONS[name], inputs[0], params["axes"], once)]
     if name in STRUCTURAL:
         return [STRUCTURAL[name](*inputs, **params)]
     if name in CALLS:

@@ -481,12 +481,12 @@ def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):
 
 
 def test_the_sequential_tuner_keeps_its_limits_and_resumes(small, solved, tmp_path):
-    settings = {"optimizer": "slp", "iterations": 25, "prepared": small.push, "objective": Objective(penalty=10.0)}
+    settings = {"optimizer": "slp", "iterations": 45, "prepared": small.push, "objective": Objective(penalty=10.0)}
     whole = small_tuner(**settings)
     wanted = iterate(whole, whole.begin())
     excess, cost = wanted.best
     assert excess == 0.0  # of a tenth of a percent
-    assert cost < solved.best[1] + 1e-3 if solved.best[0] == 0 else cost < 1.3  # as far as Adam, in fewer looks
+    assert cost < solved.best[1] + 1e-3 < 1.26  # as far as Adam goes, from 1.3
     save(tmp_path, iterate(whole, whole.begin(), until=4))
     again = small_tuner(**settings)
     got = iterate(again, load(tmp_path, again.begin()))

@@ -31,7 +31,7 @@ class Oustaloup:
     high: float = number(3e3, "rad/s", POSITIVE, "Oustaloup")
     N: int = structure(4)
 
-    def modes(self, order: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    def modes(self, order: Any) -> tuple[Array, Array, Array]:
         """Poles (2N+1,) [1/s], residues (2N+1,) and the direct gain of s^order, order between 0 and 1."""
         count = 2 * self.N + 1
         k = jnp.asarray(np.arange(count) + 0.5, jnp.result_type(order))
