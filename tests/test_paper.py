@@ -245,12 +245,29 @@ def test_the_html_page_holds_its_pictures(tmp_path):
 
 @pytest.mark.parametrize(
     "setting, key",
-    [("controller=osfc", "controller"), ("scenario.heading=sideways", "scenario.heading.type")],
+    [
+        ("controller=osfc", "controller"),
+        ("scenario.heading=sideways", "scenario.heading.type"),
+        ("ensemble.draws={ nothing = { between = [0, 1] } }", "ensemble.draws"),
+    ],
 )
-def test_a_wrong_setting_ends_the_reproduction_before_it_begins(tmp_path, capsys, setting, key):
-    assert cli.main(["reproduce", "--out", str(tmp_path / "run"), "--set", setting]) == 2
+@pytest.mark.parametrize("command", ["reproduce", "compare"])
+def test_a_wrong_setting_ends_the_command_before_it_begins(tmp_path, capsys, command, setting, key):
+    assert cli.main([command, "--out", str(tmp_path / "run"), "--set", setting]) == 2
     assert key in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "setting, key",
+    [
+        ("simulate.horizon=3.0", "simulate.horizon"),
+        ("controller.Pi_hat={ right = 0.6, left = 0.8 }", "controller.Pi_hat"),
+    ],
+)
+def test_the_reproduction_says_what_it_cannot_compare(tmp_path, capsys, setting, key):
+    assert cli.main(["reproduce", "--out", str(tmp_path / "run"), "--set", setting]) == 2
+    assert key in capsys.readouterr().err
 
 
 SETTLED = {  # section 5 of the written specification, within 2 %

@@ -98,7 +98,10 @@ def reproduce(arguments: argparse.Namespace) -> int:
     command = f"agvjax reproduce{''.join(f' --set {s}' for s in arguments.set)}"
     with tqdm(total=paper.steps(config), disable=arguments.quiet, unit="part") as bar:
         progress = _ticker(bar)
-        made = paper.Reproduction(config, progress)
+        try:
+            made = paper.Reproduction(config, progress)
+        except RuntimeError as error:
+            raise RunFailed(str(error)) from error
         paper.write(made, out, command, arguments.pdf, progress)
     _say(
         arguments,
@@ -113,11 +116,17 @@ def compare(arguments: argparse.Namespace) -> int:
     from . import compare as comparing
 
     config = _configure(arguments)
+    found = comparing.problems(config.controller, config.scenario)
+    if found:
+        raise InputError(found)
     out = _new_folder(arguments)
     runs.write(out / "config.toml", configuration.dump(config))
     with tqdm(total=len(comparing.laws(config.controller)) + 1, disable=arguments.quiet, unit="law") as bar:
-        comparison, found = comparing.compare(config, _ticker(bar))
-    _say(arguments, comparing.write(comparison, found, out), f"written to {out}; begin with {out}/report.html")
+        try:
+            comparison, tuned = comparing.compare(config, _ticker(bar))
+        except (RuntimeError, ValueError) as error:
+            raise RunFailed(str(error)) from error
+    _say(arguments, comparing.write(comparison, tuned, out), f"written to {out}; begin with {out}/report.html")
     return 0
 
 

@@ -20,11 +20,12 @@ from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds, tunable
 from .objective import METRICS, Objective
 from .optimise import SEQUENTIAL, Tuner
-from .paper.cases import LABELS, matched
+from .paper.cases import LABELS, matched, problems
 from .paper.figures import caption
 from .paper.page import grid, html, image
 from .settings import Config, steps_of
 
+__all__ = ["Comparison", "Tuned", "compare", "laws", "problems", "rows", "write"]
 BUDGET = tuple(f"{kind}_{channel}" for kind in ("effort", "peak", "chatter") for channel in ("x", "y", "heading"))
 STARTS = (10.0, 20.0)  # 1/s, bandwidths to start from besides the law's own gains
 WORKERS = 2
@@ -83,6 +84,8 @@ class Comparison:
         """(2, M): mean and worst of the goal and of each command metric, of the configured law on the tuning set."""
         law = agvjax.check(self.config.controller)
         values, ok = self.objective.values(agvjax.evaluate(law, self.seen, **self.steps(self.config.tune.dt)))
+        if not np.any(ok):
+            raise RuntimeError("every run of the configured law diverges: it sets no budget")
         return self.objective.reference(values, ok)
 
     def judge(self, law: Any) -> agvjax.Metrics:

@@ -95,7 +95,7 @@ def steps_of(horizon: float, dt: float) -> int:
 
 
 def problems(config: Config, command: str) -> list[agvjax.Problem]:
-    """What can only be said of the whole; what only tuning needs is asked for the command "tune"."""
+    """What can only be said of the whole; what only ensembles and tuning need is not asked for "simulate"."""
     found = agvjax.problems(config)
     if config.precision not in (32, 64):
         found.append(agvjax.Problem("precision", config.precision, "32 or 64"))
@@ -104,7 +104,7 @@ def problems(config: Config, command: str) -> list[agvjax.Problem]:
         found.append(agvjax.Problem("scenario.heading", "bearing", rule, "reading R8"))
     if not found:
         found += _timing(config, "simulate", config.simulate)
-    if command == "tune":
+    if command != "simulate":
         found += _names(config)
         if not found:
             found += _timing(config, "tune", config.tune) + _boxes(config)

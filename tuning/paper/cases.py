@@ -43,6 +43,17 @@ class Case(NamedTuple):
     scenario: Any
 
 
+def problems(controller: Any, scenario: Any) -> list[agvjax.Problem]:
+    """What the laws of the paper need of a configuration."""
+    found = []
+    if type(controller) is not agvjax.NeuroBackstepping:
+        rule = "neuro_backstepping: the paper's law, whose gains and readings may be set"
+        found.append(agvjax.Problem("controller", type(controller).__name__, rule))
+    if not isinstance(scenario.plant, agvjax.Decoupled):
+        found.append(agvjax.Problem("scenario.plant", type(scenario.plant).__name__, "decoupled, as in the paper"))
+    return found
+
+
 def matched(law: str, p: float, like: Any) -> Any:
     """A law's gains for the closed-loop bandwidth p [1/s] (SPEC's fact b); what p does not set is that of `like`."""
     gains: dict[str, dict[str, float]] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -51,6 +50,8 @@ class Reproduction:
                 else:
                     self.bounds = found
                 progress(name)
+        if not self.bounds or not self.judged["proposed"][0].ok:
+            raise RuntimeError("the proposed law diverges with these settings: there is nothing to compare with")
         self.trajectories = {name: run[0] for name, run in self.judged.items()}
         self.tables = {name: tables.table(self.judged, printed) for name, printed in tables.PRINTED.items()}
         self.extras = tables.table(self.judged, {}, EXTRAS)
@@ -144,14 +145,13 @@ def steps(config: Config) -> int:
 
 def problems(config: Config) -> list[agvjax.Problem]:
     """What the reproduction needs beyond a good configuration."""
-    found = []
-    if type(config.controller) is not agvjax.NeuroBackstepping:
-        kind = type(config.controller).__name__
-        found.append(
-            agvjax.Problem("controller", kind, "neuro_backstepping: the paper's law, whose readings may be set")
-        )
-    if not isinstance(config.scenario.plant, agvjax.Decoupled) or not dataclasses.is_dataclass(config.scenario.path):
-        found.append(
-            agvjax.Problem("scenario.plant", type(config.scenario.plant).__name__, "decoupled, as in the paper")
-        )
+    found = cases.problems(config.controller, config.scenario)
+    if config.simulate.horizon <= bounds.LATE:
+        rule = f"more than {bounds.LATE:g} s, from when on bounds are compared with errors"
+        found.append(agvjax.Problem("simulate.horizon", config.simulate.horizon, rule))
+    if not found and any(
+        isinstance(b, agvjax.KnownSlopes) for b in (config.controller.Pi_hat, config.controller.Pi_psi_hat)
+    ):
+        rule = "a number: the law with known slopes is one of the ablations"
+        found.append(agvjax.Problem("controller.Pi_hat, controller.Pi_psi_hat", "KnownSlopes", rule))
     return found
