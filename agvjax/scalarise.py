@@ -42,7 +42,7 @@ def join(x: Numbers) -> Any:
 
 def _token(x: Any) -> Any:
     """Equal for equal numbers; a tracer, which `Once` keeps alive, is equal to itself alone."""
-    return (np.dtype(x.dtype).str, x.item()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
+    return (np.dtype(x.dtype).str, x.tobytes()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
 
 
 class Once:

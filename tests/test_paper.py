@@ -209,7 +209,7 @@ def compared(**mean):
     for name, rmse in mean.items():
         made = metrics(rmse=(rmse, 0.0, 0.0))
         batch = Metrics(**{k: np.stack([np.asarray(v)] * 4) for k, v in vars(made).items()})
-        found[name] = compare.Tuned(None, None, 1.0, 0.0, 10, batch, batch)
+        found[name] = compare.Tuned(None, None, 1.0, 0.0, 10, 0, 0, batch, batch)
     return found
 
 

@@ -95,7 +95,8 @@ def reproduce(arguments: argparse.Namespace) -> int:
         raise InputError(found)
     out = _new_folder(arguments)
     runs.write(out / "config.toml", configuration.dump(config))
-    command = f"agvjax reproduce{''.join(f' --set {s}' for s in arguments.set)}"
+    given = [f"--config {name}" for name in arguments.config] + [f"--set {text}" for text in arguments.set]
+    command = " ".join(["agvjax reproduce", *given])
     with tqdm(total=paper.steps(config), disable=arguments.quiet, unit="part") as bar:
         progress = _ticker(bar)
         try:

@@ -20,7 +20,7 @@ from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds, tunable
 from .objective import METRICS, Objective
 from .optimise import SEQUENTIAL, Tuner
-from .paper.cases import LABELS, matched, problems
+from .paper.cases import LABELS, WORKERS, matched, problems
 from .paper.figures import caption
 from .paper.page import grid, html, image
 from .settings import Config, steps_of
@@ -28,7 +28,6 @@ from .settings import Config, steps_of
 __all__ = ["Comparison", "Tuned", "compare", "laws", "problems", "rows", "write"]
 BUDGET = tuple(f"{kind}_{channel}" for kind in ("effort", "peak", "chatter") for channel in ("x", "y", "heading"))
 STARTS = (10.0, 20.0)  # 1/s, bandwidths to start from besides the law's own gains
-WORKERS = 2
 
 
 class Tuned(NamedTuple):
@@ -39,6 +38,8 @@ class Tuned(NamedTuple):
     cost: float  # on the tuning scenarios
     excess: float  # of the budget there, as a ratio; 0 if it is kept
     looks: int  # Jacobians taken, over all starts
+    refused: int  # of them, those of no use
+    left_out: int  # starts outside the bounds of the tuning step or the stability conditions
     metrics: agvjax.Metrics  # of the tuned law on the validation scenarios
     metrics_before: agvjax.Metrics
 
@@ -109,20 +110,21 @@ class Comparison:
             iterations=60,
             **self.steps(dt),
         )
-        best, looks = None, 0
+        best, looks, refused, left_out = None, 0, 0, 0
         for start in starts(name, law):
             if free.problems(start):
+                left_out += 1
                 continue
             progress = tuner.begin()._replace(z=free.coordinates(start))
             while not tuner.finished(progress):
                 progress = tuner.advance(progress)
-            looks += progress.iteration
+            looks, refused = looks + progress.iteration, refused + progress.skipped
             best = progress if best is None or progress.best < best.best else best
         if best is None:
             raise ValueError(f"no start of {name} lies inside its bounds")
         found = tuner.best(best)
         before, after = self.judge(law), self.judge(found)
-        return Tuned(law, found, best.best[1], best.best[0], looks, after, before)
+        return Tuned(law, found, best.best[1], best.best[0], looks, refused, left_out, after, before)
 
 
 def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
@@ -146,6 +148,8 @@ def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, di
         metrics=comparison.judge(held),
         metrics_before=before,
         looks=0,
+        refused=0,
+        left_out=0,
     )
     done("event")
     return comparison, found
@@ -156,6 +160,7 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, A
     made = []
     for name, tuned in found.items():
         row: dict[str, Any] = {"law": name, "tuned": bool(tuned.excess == 0), "jacobians": tuned.looks}
+        row |= {"refused": tuned.refused, "starts_left_out": tuned.left_out}
         for label, metrics in (("before", tuned.metrics_before), ("after", tuned.metrics)):
             ok = np.asarray(metrics.ok)
             rmse = np.asarray(METRICS["rmse"](metrics))[ok]
@@ -177,8 +182,8 @@ def markdown(made: list[dict[str, Any]]) -> str:
     base = next(row for row in made if row["law"] == "proposed")
     lines = [
         "| law | mean RMSE | of proposed | worst | of proposed | x | y | psi | before tuning | budget used, mean |"
-        " worst | Jacobians |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        " worst | Jacobians | refused | starts left out |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in made:
         cells = [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)"), f"{row['mean_after']:.4f}"]
@@ -186,7 +191,9 @@ def markdown(made: list[dict[str, Any]]) -> str:
         cells += [f"**{row['worst_after'] / base['worst_after']:.3f}**"]
         cells += [f"{row[f'rmse_{c}']:.4f}" for c in "xyp"]
         cells += [f"{row['mean_before']:.4f}", f"{row['use_mean']:.2f} ({row['most_used']})", f"{row['use_worst']:.2f}"]
-        lines.append("| " + " | ".join([*cells, str(row["jacobians"])]) + " |")
+        lines.append(
+            "| " + " | ".join([*cells, *(str(row[k]) for k in ("jacobians", "refused", "starts_left_out"))]) + " |"
+        )
     return "\n".join(lines)
 
 
@@ -277,7 +284,9 @@ mean and worst, no more than the proposed law needs there with its printed gains
 
 {table}
 
-"Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios.
+"Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios. "Refused" are Jacobians
+whose slopes are the sensitivity of a chattering run; "left out" are starts that the tuning step or the stability
+conditions forbid.
 
 {image("comparison")}
 

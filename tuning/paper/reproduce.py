@@ -20,7 +20,6 @@ from ..ensemble import sample
 from ..settings import Config, steps_of
 from . import cases, facts, figures, page, tables
 
-WORKERS = 2  # cases compile two at a time
 SAMPLED = 64  # scenarios on which bounds are compared with what is observed
 EXTRAS = ("super_twisting", "fractional", "event", "no_network", "no_integral", "no_filter", "known_slopes")
 
@@ -43,7 +42,7 @@ class Reproduction:
             (name, functools.partial(self._roll, name)) for name in sorted(self.groups, key=_longest_first)
         ]
         jobs += [("bounds on sampled scenarios", self._bounds)]
-        with ThreadPoolExecutor(WORKERS) as pool:
+        with ThreadPoolExecutor(cases.WORKERS) as pool:
             for name, found in zip([n for n, _ in jobs], pool.map(lambda job: job[1](), jobs), strict=True):
                 if name in self.groups:
                     self.judged |= found
