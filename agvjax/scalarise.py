@@ -7,6 +7,7 @@ Rewritten so that every number is an array of its own, all have the shape (B,) a
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend import core
+
+from .elementary import exp_p
 
 ELEMENTWISE = frozenset(
     "abs add add_any and atan2 ceil clamp convert_element_type copy cos cosh div eq exp exp2 expm1 floor ge gt "
@@ -31,7 +34,7 @@ def split(x: Any) -> Numbers:
     shape = np.shape(x)
     out = np.empty(shape, object)
     for i in np.ndindex(shape):
-        out[i] = x[i] if shape else x
+        out[i] = np.asarray(x[i]) if isinstance(x, np.ndarray) else x[i] if shape else x
     return out
 
 
@@ -51,15 +54,16 @@ class Once:
     def __init__(self) -> None:
         self.known: dict[Any, tuple[Any, Any]] = {}
 
-    def bind(self, primitive: Any, params: dict[str, Any], inputs: tuple[Any, ...]) -> Any:
-        """The primitive on scalars."""
+    def bind(self, primitive: Any, params: dict[str, Any], inputs: tuple[Any, ...], function: Any = None) -> Any:
+        """The primitive, or the `function` that stands for it, on these numbers."""
+        function = functools.partial(primitive.bind, **params) if function is None else function
         try:
             key = (primitive, tuple(params.items()), tuple(map(_token, inputs)))
             hash(key)
         except (TypeError, AttributeError):  # parameters or numbers that cannot be compared
-            return primitive.bind(*inputs, **params)
+            return function(*inputs)
         if key not in self.known:
-            self.known[key] = (primitive.bind(*inputs, **params), inputs)
+            self.known[key] = (function(*inputs), inputs)
         return self.known[key][0]
 
 
@@ -108,11 +112,31 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 }
 
 
+def _extreme(primitive: Any, beyond: Any) -> Callable[..., Any]:
+    """max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
+
+    def bind(once: Once, x: Any, y: Any) -> Any:
+        if isinstance(x, np.ndarray):
+            x, y = y, x
+        if isinstance(x, np.ndarray) or not isinstance(y, np.ndarray) or np.isnan(y):
+            return once.bind(primitive, {}, (x, y))
+        return once.bind(lax.select_n_p, {}, (once.bind(beyond, {}, (y, x)), x, y))
+
+    return bind
+
+
+CHEAPER: dict[str, Callable[..., Any]] = {
+    "exp": lambda once, x: once.bind(exp_p, {}, (x,)),
+    "max": _extreme(lax.max_p, lax.gt_p),
+    "min": _extreme(lax.min_p, lax.lt_p),
+}
 REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": lax.add_p}
 
 
 def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list[Numbers]:
     name, params = equation.primitive.name, equation.params
+    if name in CHEAPER:
+        return [_each(functools.partial(CHEAPER[name], once), inputs)]
     if name in ELEMENTWISE:
         return [_each(lambda *x: once.bind(equation.primitive, params, x), inputs)]
     if name in REDUCTIONS:
@@ -154,22 +178,29 @@ def _used(jaxpr: Any) -> list[Any]:
     return used[::-1]
 
 
-def _hoist(closed: Any) -> tuple[Any, list[Any]]:
+def _constants(equation: Any, jaxpr: Any, inputs: tuple[Any, ...], once: Once) -> list[Any]:
+    """An equation on constants; once, or the loop would carry two numbers, and then all that follows from them."""
+    name = equation.primitive.name
+    if name in STRUCTURAL and not any(isinstance(x, jax.Array) for x in inputs):
+        return [STRUCTURAL[name](*map(np.asarray, inputs), **equation.params)]
+    simple = name in ELEMENTWISE
+    outputs = once.bind(equation.primitive, equation.params, inputs, None if simple else _whole(equation, jaxpr))
+    return [outputs] if simple else outputs
+
+
+def _hoist(closed: Any) -> tuple[Any, list[Numbers]]:
     """What depends on constants alone, computed here and once: a jaxpr without it, and its longer list of constants."""
-    jaxpr, known, rest = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), []
+    jaxpr, known, rest, once = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), [], Once()
     for equation in _used(jaxpr):
         if all(isinstance(v, core.Literal) or v in known for v in equation.invars) and not equation.effects:
             inputs = [v.val if isinstance(v, core.Literal) else known[v] for v in equation.invars]
-            if equation.primitive.name in ELEMENTWISE:
-                outputs = [equation.primitive.bind(*inputs, **equation.params)]
-            else:
-                outputs = _whole(equation, jaxpr)(*inputs)
-            known |= zip(equation.outvars, outputs, strict=True)
+            known |= zip(equation.outvars, _constants(equation, jaxpr, tuple(inputs), once), strict=True)
         else:
             rest.append(equation)
     read = {v for equation in rest for v in equation.invars if not isinstance(v, core.Literal)}
     kept = [v for v in known if v in read or v in jaxpr.outvars]  # the others would be split for nothing
-    return jaxpr.replace(constvars=kept, eqns=rest), [known[v] for v in kept]
+    numbers = {id(x): split(x) for x in (known[v] for v in kept)}  # one constant under two names is one
+    return jaxpr.replace(constvars=kept, eqns=rest), [numbers[id(known[v])] for v in kept]
 
 
 def split_tree(tree: Any) -> Any:
@@ -188,8 +219,7 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
         The rewritten function, and `pack`, which turns its result back into the tree of arrays.
     """
     closed, shapes = jax.make_jaxpr(function, return_shape=True)(*example)
-    jaxpr, once = _hoist(closed)
-    consts = [split(c) for c in once]
+    jaxpr, consts = _hoist(closed)
     places = [np.shape(x) for x in jax.tree.leaves(example)]
     treedef = jax.tree.structure(shapes)
 

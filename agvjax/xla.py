@@ -36,28 +36,43 @@ def _accepted(flags: str) -> bool:
     return subprocess.run(probe, env=environment, capture_output=True, check=False).returncode == 0
 
 
-def tune_xla(*, reverse: bool = False) -> str:
-    """Set the compiler options for fast rollouts on a CPU; call it before the first use of JAX in the process.
+def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
+    """Set what makes rollouts fast on a CPU; call it before the first use of JAX in the process.
 
     Args:
         reverse: for a process that takes reverse-mode gradients, which the forward options slow down.
+        devices: how many devices JAX makes of the CPU, between which `evaluate` shares a large batch; None for one on
+            each core that this process may use, unless JAX's own JAX_NUM_CPU_DEVICES or XLA_FLAGS say so already.
 
     Returns:
         What was done, in one sentence to show: set, left alone because XLA_FLAGS already names backend options,
         too late because JAX has started (then rollouts run several times slower), or refused by this jaxlib.
     """
     flags, present = REVERSE if reverse else FAST, os.environ.get("XLA_FLAGS", "")
-    if "xla_backend_extra_options" in present:
-        return "XLA_FLAGS already holds backend options; left as they are"
     if _started():
         return (
-            "JAX has already started: its compiler options stay at their defaults and rollouts run several times slower"
+            "JAX has already started: compiler options and devices stay as they are, rollouts run several times slower"
         )
+    if devices is not None or not ("JAX_NUM_CPU_DEVICES" in os.environ or "host_platform_device_count" in present):
+        _set_devices(devices or cores())
+    if "xla_backend_extra_options" in present:
+        return "XLA_FLAGS already holds backend options; left as they are"
     combined = f"{present} {flags}".strip()
     if not _accepted(combined):
         return "this jaxlib refuses the fast compiler options; rollouts run at its defaults, several times slower"
     os.environ["XLA_FLAGS"] = combined
     return "fast compiler options set"
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _set_devices(count: int) -> None:
+    import jax
+
+    jax.config.update("jax_num_cpu_devices", count)
 
 
 def _started() -> bool:

@@ -10,7 +10,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"_pytree", "integrate", "angle", "leaves", "xla", "scalarise"},
+    {"_pytree", "integrate", "angle", "leaves", "xla", "elementary"},
+    {"scalarise"},
     {"deadzone", "rbf", "path", "disturbance", "plant"},
     {"controllers"},
     {"scenario"},

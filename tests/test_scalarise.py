@@ -127,3 +127,23 @@ def test_the_rewriting_maps_over_a_batch():
 def test_join_is_the_inverse_of_split():
     for x in (jnp.array(3.0), jnp.arange(4.0), jnp.arange(6).reshape(2, 3)):
         same(join(split(x)), x)
+
+
+@pytest.mark.parametrize(("bound", "plain"), [(jnp.maximum, np.maximum), (jnp.minimum, np.minimum)])
+def test_a_bound_keeps_its_value_and_lets_nan_through(bound, plain):
+    x = jnp.array([-2.0, -0.0, 0.0, 3.0, jnp.nan])
+    for function in (lambda v: bound(v, 0.5), lambda v: bound(0.5, v), lambda v: bound(v, v[::-1])):
+        rewritten, pack = scalarise(function, x)
+        np.testing.assert_array_equal(pack(rewritten(split_tree(x))), function(x))
+    np.testing.assert_array_equal(bound(x, 0.5), plain(np.asarray(x), 0.5))
+
+
+def test_what_follows_from_constants_is_computed_once_however_often_it_is_written():
+    k = jnp.array([1.0, 2.0, 3.0])
+
+    def law(x):
+        return jnp.sum(jnp.exp(x[0] * (k[None, :] - 0.5)[0]))
+
+    rewritten, _ = scalarise(lambda x: (law(x), 2 * law(x)), jnp.ones(2))
+    text = str(jax.make_jaxpr(rewritten)(split_tree(jnp.ones(2))))
+    assert text.count("agvjax_exp") == 3

@@ -19,6 +19,7 @@ from . import slp
 from .free import Free
 from .objective import Objective, Score
 
+BLOCK, LEAST = 64, 16  # scenarios in a block and on a device: fewer than in a rollout, since each carries its tangents
 FEASIBLE = 1e-3  # a limit counts as met up to a tenth of a percent
 SEQUENTIAL = "slp"  # an optimiser of our own, beside those of optax
 HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped")
@@ -71,7 +72,14 @@ class Tuner:
         """The metrics that matter of every scenario (M, B), and which runs are worth having (B,)."""
         controller = self.free.controller(z, self.controller)
         metrics = agvjax.evaluate(
-            controller, self.batch, dt=self.dt, n_steps=self.n_steps, integrator=self.integrator, dtype=z.dtype.type
+            controller,
+            self.batch,
+            dt=self.dt,
+            n_steps=self.n_steps,
+            integrator=self.integrator,
+            dtype=z.dtype.type,
+            block=BLOCK,
+            devices=max(1, min(jax.local_device_count(), self.batch.size // LEAST)),
         )
         return self.objective.values(metrics)
 
@@ -83,8 +91,9 @@ class Tuner:
 
     @functools.cached_property
     def push(self) -> Callable[[Any], tuple[Any, Any, Any]]:
-        """`jacobian`, jitted."""
-        return self.prepared or jax.jit(self.jacobian)
+        """`jacobian`, jitted; what it returns is on one device, however many took part."""
+        compute = jax.jit(self.jacobian)
+        return self.prepared or (lambda z: jax.device_put(compute(z), jax.local_devices()[0]))
 
     @functools.cached_property
     def reference(self) -> np.ndarray:
@@ -124,7 +133,10 @@ class Tuner:
             gradient, score = jax.grad(lambda z: self.cost_of(*self.values(z)), has_aux=True)(z)
             return score, gradient
 
-        return (lambda z: self.weigh(*self.push(z))) if self.gradient == "forward" else jax.jit(reverse)
+        if self.gradient == "forward":
+            return lambda z: self.weigh(*self.push(z))
+        compute = jax.jit(reverse)
+        return lambda z: jax.device_put(compute(z), jax.local_devices()[0])
 
     @functools.cached_property
     def update(self) -> Callable[[Any, Any, Any], tuple[Any, Any]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jax import export
 
 import agvjax
@@ -52,9 +53,11 @@ def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callab
 
 
 def _committed(module: export.Exported) -> Callable[..., Any]:
-    """What is exported returns arrays committed to a device; taking the same keeps one compilation for all calls."""
-    call, device = jax.jit(module.call), jax.local_devices()[0]
-    return lambda *arguments: call(*jax.device_put(arguments, device))
+    """What was exported for several devices needs its arguments on all of them; what comes back is on the first."""
+    call, devices = jax.jit(module.call), jax.local_devices()[: module.nr_devices]
+    mesh = jax.sharding.Mesh(np.array(devices), ("scenarios",))
+    everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
+    return lambda *arguments: jax.device_put(call(*jax.device_put(arguments, everywhere)), devices[0])
 
 
 def _key(settings: str) -> str:
@@ -63,6 +66,6 @@ def _key(settings: str) -> str:
         for source in sorted(package.rglob("*.py")):
             digest.update(source.read_bytes())
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib", "optax")]
-    state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), jax.default_backend(), settings)
-    digest.update(repr(state).encode())
+    state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), settings)
+    digest.update(repr((*state, jax.default_backend(), jax.local_device_count())).encode())
     return digest.hexdigest()[:32]
