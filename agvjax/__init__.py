@@ -27,6 +27,7 @@ from .check import Problem as Problem
 from .check import check as check
 from .check import problems as problems
 from .check import step_problems as step_problems
+from .check import step_warnings as step_warnings
 from .controllers import ASMC as ASMC
 from .controllers import DFC as DFC
 from .controllers import FTSMC as FTSMC

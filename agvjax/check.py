@@ -12,6 +12,7 @@ from .integrate import Integrator
 from .leaves import cast, children
 
 T = TypeVar("T")
+COARSE = 0.01  # error of a mode beyond which a step is worth a word
 
 
 class Problem(NamedTuple):
@@ -78,6 +79,18 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
             rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the {fastest} diverge"
             found.append(Problem("dt", dt, rule, source))
     return found
+
+
+def step_warnings(controller: Any, dt: float, integrator: Integrator) -> list[str]:
+    """Gains that a stable step follows badly: a mode they set is off by more than 1 % over its own time constant."""
+    said = []
+    for gain, poles in controller.rates().items() if hasattr(controller, "rates") else ():
+        error = max((integrator.error(pole * dt) for pole in poles), default=0.0)
+        if error > COARSE:
+            said.append(
+                f"dt = {dt:g} s is coarse for {gain}: {integrator.name} follows the mode it sets with {error:.1%} error"
+            )
+    return said
 
 
 def check(tree: T, dtype: Any = None) -> T:

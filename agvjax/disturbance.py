@@ -60,6 +60,10 @@ class Step(_Scaled):
         """0 or 1."""
         return jnp.where(t >= self.time, jnp.ones_like(t), 0.0)
 
+    def nearest_jump(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """`time` [s]; a step of the integrator then begins there."""
+        return jnp.broadcast_to(self.time, jnp.shape(t))
+
 
 @pytree
 class CosineSum(_Scaled):

@@ -113,7 +113,7 @@ def evaluate(
             meter=Criteria() if criteria is None else criteria,
         )
         carry, _, last = rollout.run(None)
-        tally = rollout.meter.update(carry.meter, last, rollout.weights(rollout.end))
+        tally = rollout.meter.update(carry.meter, last, rollout.weights(n_steps))
         return rollout.meter.finish(tally, carry.ok, rollout.end)
 
     if not isinstance(batch, Batch):

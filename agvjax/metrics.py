@@ -91,9 +91,9 @@ class Criteria:
     late: float = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
 
-    def weights(self, t: Float[Array, ""], dt: Float[Array, ""], end: Float[Array, ""]) -> tuple[Any, Any]:
-        """Trapezoid weights of the sample at `t`, over the run and after `late`, for a run on the grid up to `end`."""
-        return _trapezoid(t, dt, 0.0, end), _trapezoid(t, dt, self.late, end)
+    def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[Any, Any]:
+        """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
+        return _trapezoid(t, left, right, 0.0, end), _trapezoid(t, left, right, self.late, end)
 
     def start(self, sample: loop.Sample) -> Tally:
         """The tally before the first sample."""
@@ -160,9 +160,9 @@ class Criteria:
         )
 
 
-def _trapezoid(t: Float[Array, ""], dt: Float[Array, ""], begin: Any, end: Any) -> Float[Array, ""]:
-    """Weight of the sample at `t` in an integral from `begin` to `end`: half a step at either end."""
-    return dt * jnp.clip((t - begin) / dt + 0.5, 0, 1) * jnp.clip((end - t) / dt + 0.5, 0, 1)
+def _trapezoid(t: Any, left: Any, right: Any, begin: Any, end: Any) -> Any:
+    """Weight of the sample at `t` in an integral from `begin` to `end`: half the way to either neighbour."""
+    return jnp.maximum(jnp.minimum(left / 2, t - begin) + jnp.minimum(right / 2, end - t), 0)
 
 
 def tracking_error(sample: Any) -> Float[Array, "3"]:
@@ -179,7 +179,7 @@ def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 
 def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
-    """Metrics of one trajectory, from its samples (equally spaced).
+    """Metrics of one trajectory, from its samples.
 
     Raises:
         ValueError: the trajectory has a batch axis; use `jax.vmap(measure)`.
@@ -189,8 +189,9 @@ def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
             f"measure takes one trajectory, t of shape (N+1,); got {trajectory.t.shape}: use jax.vmap(measure)"
         )
     criteria = Criteria() if criteria is None else criteria
-    dt, end = trajectory.t[1] - trajectory.t[0], trajectory.t[-1]
-    weights = criteria.weights(trajectory.t, dt, end)
+    between, end = jnp.diff(trajectory.t), trajectory.t[-1]
+    steps = jnp.concatenate([between[:1], between, between[-1:]])  # beyond either end nothing has weight
+    weights = criteria.weights(trajectory.t, steps[:-1], steps[1:], end)
     samples = loop.Sample(
         time=trajectory.t,
         position=trajectory.position,

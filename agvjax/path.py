@@ -50,6 +50,10 @@ class RawBearing:
         x, y = path(t)
         return bearing(y, x)
 
+    def nearest_jump(self, path: Any, t: Float[Array, ""]) -> Float[Array, ""]:
+        """When, nearest to `t` [s], the path passes the origin; steps of the integrator then begin there."""
+        return path.nearest_crossing(t)
+
 
 @pytree
 class SwappedBearing:
@@ -59,6 +63,10 @@ class SwappedBearing:
         """Heading [rad]."""
         x, y = path(t)
         return bearing(x, y)
+
+    def nearest_jump(self, path: Any, t: Float[Array, ""]) -> Float[Array, ""]:
+        """When, nearest to `t` [s], the path passes the origin; steps of the integrator then begin there."""
+        return path.nearest_crossing(t)
 
 
 @pytree
@@ -87,6 +95,11 @@ class Dumbbell:
         """Eq. (56) with sin(w t) divided out of both arguments [rad]: equal on the first half lap, then smooth (R8)."""
         return jnp.arctan2(jnp.ones_like(t), 2 * jnp.cos(self.omega * t))
 
+    def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """When, nearest to `t` [s], the path passes the origin: sin(w t) = 0."""
+        half_lap = jnp.pi / self.omega
+        return half_lap * jnp.round(t / half_lap)
+
 
 @pytree
 class Circle:
@@ -112,6 +125,11 @@ class Lemniscate:
         """Position [m]."""
         sine, cosine = jnp.sin(self.omega * t), jnp.cos(self.omega * t)
         return self.amplitude / (1 + sine**2) * jnp.stack([cosine, sine * cosine])
+
+    def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """When, nearest to `t` [s], the path passes the origin: cos(w t) = 0."""
+        half_lap = jnp.pi / self.omega
+        return half_lap * (jnp.floor(t / half_lap) + 0.5)
 
 
 @pytree

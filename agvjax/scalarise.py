@@ -113,7 +113,7 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 
 
 def _extreme(primitive: Any, beyond: Any) -> Callable[..., Any]:
-    """max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
+    """Max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
 
     def bind(once: Once, x: Any, y: Any) -> Any:
         if isinstance(x, np.ndarray):

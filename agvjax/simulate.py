@@ -14,7 +14,7 @@ from . import loop
 from ._pytree import pytree
 from .integrate import RK4, Integrator
 from .leaves import cast
-from .path import reference
+from .path import default_heading, reference
 from .scalarise import MOST_SCALARS, scalarise, split_tree
 
 DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
@@ -52,7 +52,7 @@ class Rollout:
     """One closed loop ready to be stepped: the objects, cast to the run's dtype, and how to step them.
 
     `meter` accumulates over the steps: `start(sample) -> m` and `update(m, sample, weights) -> m`, where
-    `weights(t, dt, end)` is tabulated with the other time-only signals.
+    `weights(t, left, right, end)` is tabulated with the other time-only signals.
     """
 
     def __init__(
@@ -80,15 +80,39 @@ class Rollout:
         self.n_steps, self.control_every, self.integrator = n_steps, control_every, integrator
         self.end = self.dt * n_steps
 
-    def weights(self, t: Float[Array, ""]) -> Any:
-        """What the meter wants to know of an instant; time-only."""
-        return self.meter.weights(t, self.dt, self.end)
+        heading, disturbance = self.scenario.heading, self.scenario.disturbance
+        self.jumps = []  # functions that know the instant nearest to `t` at which a signal jumps
+        if hasattr(heading, "nearest_jump") and hasattr(self.scenario.path, "nearest_crossing"):
+            self.jumps.append(functools.partial(heading.nearest_jump, self.scenario.path))
+        if hasattr(disturbance, "nearest_jump"):
+            self.jumps.append(disturbance.nearest_jump)
 
-    def time_only(self, t: Float[Array, ""]) -> Any:
-        """What depends on time alone, and on nothing a batch usually varies."""
-        disturbance = self.scenario.disturbance
-        shape = disturbance.shape(t) if hasattr(disturbance, "shape") else disturbance(t)
-        return reference(self.scenario.path, self.scenario.heading, t), shape
+    def instant(self, index: Any) -> tuple[Any, Any, Any]:
+        """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
+
+        Returns t [s], by how much it was moved, and how far from the jump signals are looked at, before and after it.
+        """
+        t = jnp.asarray(index).astype(self.dtype) * self.dt
+        moved = gap = jnp.zeros_like(t)
+        small = float(jnp.finfo(self.dtype).eps) ** 0.5  # a bearing's rate this close to its jump is off by as much
+        for nearest_jump in self.jumps:
+            away = nearest_jump(t) - t
+            near = (-self.dt / 2 < away) & (away <= self.dt / 2)
+            moved = jnp.where(near, away, moved)
+            gap = jnp.where(near, jnp.minimum(small, self.dt / 4), gap)
+        return t + moved, moved, gap
+
+    def weights(self, index: Any) -> Any:
+        """What the meter wants to know of an instant; time-only."""
+        (_, before, _), (t, moved, _), (_, after, _) = (self.instant(index + i) for i in (-1, 0, 1))
+        return self.meter.weights(t, self.dt + (moved - before), self.dt + (after - moved), self.end)
+
+    def time_only(self, t: Float[Array, ""], side: Any = 0.0) -> Any:
+        """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
+        path, disturbance = self.scenario.path, self.scenario.disturbance
+        heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
+        shape = (disturbance.shape if hasattr(disturbance, "shape") else disturbance)(t + side)
+        return reference(path, lambda path, time: heading(path, time + side), t), shape
 
     def signals(self, t: Float[Array, ""], row: Any) -> loop.Signals:
         """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
@@ -98,16 +122,24 @@ class Rollout:
         return loop.Signals(time=t, reference=ref, disturbance=value)
 
     def table(self, first: Any, steps: int) -> Any:
-        """Time-only signals of `steps` steps from number `first`: t = index * dt, at the nodes of the integrator."""
-        index = first + jnp.arange(steps)
-        nodes = jnp.array(self.integrator.nodes, self.dtype)
-        t = (index[:, None].astype(self.dtype) + nodes[None, :]) * self.dt
-        return index, t, jax.vmap(jax.vmap(self.time_only))(t), jax.vmap(self.weights)(t[:, 0])
+        """Time-only signals of `steps` steps from number `first`, at the nodes of the integrator."""
+        return jax.vmap(self.row)(first + jnp.arange(steps))
+
+    def row(self, index: Any) -> Any:
+        """Of one step: its number, length, instants of the nodes, signals there, and the meter's weights."""
+        (begin, moved, past), (_, moved_next, short) = self.instant(index), self.instant(index + 1)
+        h = self.dt + (moved_next - moved) if self.jumps else self.dt
+        nodes = self.integrator.nodes
+        t = [begin + node * h if self.jumps else (index.astype(self.dtype) + node) * self.dt for node in nodes]
+        sides = [past if node == 0 else -short if node == 1 else jnp.zeros_like(h) for node in nodes]
+        t, sides = jnp.stack(t), jnp.stack(sides)
+        signals = jax.vmap(self.time_only)(t, sides) if self.jumps else jax.vmap(self.time_only)(t)
+        return index, h, t, signals, self.weights(index)
 
     def begin(self) -> Carry:
         """The first carry."""
-        t = jnp.zeros((), self.dtype)
-        signals = self.signals(t, self.time_only(t))
+        _, _, t, table, _ = self.row(jnp.zeros((), int))
+        signals = self.signals(t[0], _first(table))
         flow, held, ok = loop.start(self.controller, self.scenario, signals)
         sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
         return Carry(flow=flow, held=held, ok=ok, meter=self.meter.start(sample))
@@ -127,7 +159,7 @@ class Rollout:
 
     def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
         """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
-        index, t, table, weights = row
+        index, h, t, table, weights = row
         nodes = range(len(self.integrator.nodes))
         signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
         held = self.control(carry, index, signals[0])
@@ -135,7 +167,7 @@ class Rollout:
         def rate(flow: loop.Flow, signal: loop.Signals) -> tuple[loop.Flow, loop.Sample]:
             return loop.derivative(self.controller, self.scenario, flow, held, signal)
 
-        flow, sample = self.integrator.advance(rate, carry.flow, self.dt, signals)
+        flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
         ok = carry.ok & loop.inside(self.scenario, flow.plant)
         flow, held = jax.tree.map(lambda new, old: jnp.where(ok, new, old), (flow, held), (carry.flow, carry.held))
         return Carry(flow=flow, held=held, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
@@ -185,7 +217,7 @@ def _first(rows: Any) -> Any:
 class NoMeter:
     """Measures nothing."""
 
-    def weights(self, t: Any, dt: Any, end: Any) -> tuple[()]:
+    def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[()]:
         """Nothing depends on time."""
         return ()
 

@@ -1,133 +1,112 @@
-"""How fast are batched rollouts? `evaluate` against the same loop written plainly: `python benchmarks/rollout.py`.
-
-Both run the default tuning ensemble, 12 s of RK4, one thread. Each lives in a process of its own, since compiler
-options belong to a process, and they take turns: what is reported is the median of the ratios of neighbouring runs.
-"""
+"""Rollouts of the default tuning ensemble: `evaluate` beside every peer, one thread, same loop, same accuracy."""
 
 from __future__ import annotations
 
-import argparse
-import os
-import platform
-import statistics
-import subprocess
-import sys
-import time
+import functools
+import importlib
 from collections.abc import Callable
 from typing import Any
 
-STEPS, DT = 2400, 5e-3
+import numpy as np
+
+from .turns import rate, ratio, take_turns
+from .worker import PEERS, jax_ready
+
+LAP = 12.0  # s
+# the least number of steps per run that makes a peer's run last long enough to be timed, and short enough to wait for
+STEPS = {"numpy": 1200, "scipy": 12000, "casadi": 12000}
 
 
-def contestant(form: str, batch_size: int) -> Callable[[], Any]:
-    """A compiled rollout of the ensemble, ready to be called."""
+ALONE = ("scipy", "casadi")  # one scenario after the other: their speed is that of a single one
+
+
+def prepare(job: dict[str, Any]) -> Callable[[], Any]:
+    """A compiled rollout of the ensemble that returns total RMSE (B,)."""
+    if job["form"] in PEERS:
+        values = ensemble(job["batch"])[2]
+        peer = importlib.import_module(f".peers.{PEERS[job['form']]}", __package__)
+        extra = {"scalar": True} if job.get("scalar") else {}
+        return peer.contestant(values, dt=job["dt"], n_steps=job["steps"], dtype=job["dtype"], **extra)
+    wait = jax_ready(job)
     import jax
 
     import agvjax
+
+    controller, scenario, values = ensemble(job["batch"])
+    values = {name: np.asarray(value, job["dtype"]) for name, value in values.items()}
+    if job["form"] == "plain":
+        from .plain import plain
+
+        many = agvjax.batch(scenario, values)
+        one = functools.partial(plain, dt=job["dt"], steps=job["steps"])
+        whole = jax.jit(jax.vmap(one, in_axes=(None, many.axes)))
+        return lambda: wait(whole(controller, many.scenario))
+    method = agvjax.INTEGRATORS[job.get("integrator", "rk4")]
+
+    @jax.jit
+    def total(controller: Any, values: Any) -> Any:
+        many = agvjax.batch(scenario, values)
+        return agvjax.evaluate(controller, many, dt=job["dt"], n_steps=job["steps"], integrator=method)
+
+    return lambda: wait(total(controller, values)).total_rmse
+
+
+def ensemble(size: int) -> tuple[Any, Any, dict[str, np.ndarray]]:
+    """Controller, scenario and the varying leaves of the default tuning problem."""
+    import agvjax
     from tuning import default_draws, sample
 
-    if form == "agvjax":
-        print(agvjax.tune_xla(), file=sys.stderr)
-    controller = agvjax.NeuroBackstepping()
-    batch = sample(agvjax.Scenario(), default_draws(), batch_size, seed=0)
-
-    def fast() -> Any:
-        return jax.block_until_ready(agvjax.evaluate(controller, batch, dt=DT, n_steps=STEPS).total_rmse)
-
-    whole = jax.jit(jax.vmap(plain, in_axes=(None, batch.axes)))
-    return fast if form == "agvjax" else lambda: jax.block_until_ready(whole(controller, batch.scenario))
+    scenario = agvjax.Scenario()
+    values = sample(scenario, default_draws(), size, seed=0).values
+    return agvjax.NeuroBackstepping(), scenario, {name: np.asarray(value) for name, value in values.items()}
 
 
-def plain(controller: Any, scenario: Any) -> Any:
-    """What one writes first: a scan over the steps of one vehicle, everything computed where it is used."""
-    import jax
-    import jax.numpy as jnp
-
-    from agvjax import loop
-    from agvjax.leaves import cast
-    from agvjax.metrics import tracking_error
-    from agvjax.path import reference
-
-    dtype = jnp.result_type(float)
-    controller, scenario, h = cast(controller, dtype), cast(scenario, dtype), jnp.asarray(DT, dtype)
-
-    def rate(flow: Any, t: Any) -> tuple[Any, Any]:
-        ref = reference(scenario.path, scenario.heading, t)
-        return loop.derivative(
-            controller, scenario, flow, held, loop.Signals(time=t, reference=ref, disturbance=scenario.disturbance(t))
-        )
-
-    def step(carry: Any, k: Any) -> tuple[Any, None]:
-        flow, total = carry
-        t = k * h
-        k1, sample = rate(flow, t)
-        k2, _ = rate(jax.tree.map(lambda x, d: x + h / 2 * d, flow, k1), t + h / 2)
-        k3, _ = rate(jax.tree.map(lambda x, d: x + h / 2 * d, flow, k2), t + h / 2)
-        k4, _ = rate(jax.tree.map(lambda x, d: x + h * d, flow, k3), t + h)
-        flow = jax.tree.map(lambda x, a, b, c, d: x + h / 6 * (a + 2 * b + 2 * c + d), flow, k1, k2, k3, k4)
-        return (flow, total + jnp.sum(tracking_error(sample) ** 2)), None
-
-    zero = jnp.zeros((), dtype)
-    first = loop.Signals(
-        time=zero, reference=reference(scenario.path, scenario.heading, zero), disturbance=scenario.disturbance(zero)
-    )
-    flow, held, _ = loop.start(controller, scenario, first)
-    ends = jnp.sum(tracking_error(rate(flow, zero)[1]) ** 2)
-    (flow, total), _ = jax.lax.scan(step, (flow, zero), jnp.arange(STEPS, dtype=dtype))
-    ends += -jnp.sum(tracking_error(rate(flow, STEPS * h)[1]) ** 2)  # the trapezoid: half of either end
-    return jnp.sqrt((total - ends / 2) / STEPS)
+def work(job: dict[str, Any]) -> float:
+    """Millions of steps of one scenario."""
+    return job["batch"] * job["steps"] / 1e6
 
 
-def serve(form: str, batch_size: int) -> None:
-    """A worker: compile, then one timed run a line of input."""
-    if hasattr(os, "sched_setaffinity"):  # one thread; elsewhere the compiler may use several
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    run = contestant(form, batch_size)
-    mean = float(run().mean())
-    print(mean, flush=True)
-    for _ in sys.stdin:
-        begin = time.perf_counter()
-        run()
-        print(time.perf_counter() - begin, flush=True)
+def job(form: str, batch: int, dtype: str = "float32", **more: Any) -> dict[str, Any]:
+    """A run of about a second or less, at the step of the reproduction."""
+    steps = STEPS.get(form, max(600, min(12000, 64 * 12000 // batch)))
+    return {"kind": "rollout", "form": form, "batch": batch, "dtype": dtype, "dt": 1e-3, "steps": steps, **more}
 
 
-def main() -> None:
-    """Let both take turns and print the table."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--batch", type=int, nargs="+", default=[64, 1024])
-    arguments.add_argument("--turns", type=int, default=9)
-    arguments.add_argument("--worker", nargs=2, help=argparse.SUPPRESS)
-    given = arguments.parse_args()
-    if given.worker:
-        serve(given.worker[0], int(given.worker[1]))
-        return
-    print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, float32, one thread")
-    print("| scenarios | plain scan, Mstep/s | evaluate, Mstep/s | ratio (median, range) |\n|---|---|---|---|")
-    for size in given.batch:
-        workers = {form: _start(form, size) for form in ("plain", "agvjax")}
-        means = [float(worker.stdout.readline()) for worker in workers.values()]
-        assert abs(means[0] / means[1] - 1) < 1e-3, means  # the same loop
-        seconds = [{form: _turn(worker) for form, worker in workers.items()} for _ in range(given.turns)]
-        for worker in workers.values():
-            worker.stdin.close()
-            worker.wait()
-        ratios = sorted(s["plain"] / s["agvjax"] for s in seconds)
-        rates = [size * STEPS / statistics.median(s[form] for s in seconds) / 1e6 for form in ("plain", "agvjax")]
-        middle = statistics.median(ratios)
-        print(f"| {size} | {rates[0]:.2f} | {rates[1]:.2f} | {middle:.1f} ({ratios[0]:.1f} to {ratios[-1]:.1f}) |")
+def measure(turns: int) -> list[dict[str, Any]]:
+    """A row for each peer and setting: `evaluate` and the peer, Mstep/s and the ratio."""
+    rows = []
+    for dtype in ("float32", "float64"):
+        for batch in (1, 64, 1024, 8192):
+            forms = ["c"] if batch == 8192 else ["c", "plain", "numba", "diffrax"]
+            forms += ["numpy"] if batch == 1024 else []
+            forms += ["scipy", "casadi"] if dtype == "float64" and batch <= 64 else []
+            jobs = {"agvjax": job("agvjax", batch, dtype)}
+            if dtype == "float32" and batch in (64, 1024):
+                jobs["agvjax, default flags"] = job("agvjax", batch, dtype, flags="default")
+            for form in forms:
+                more = {"flags": "default"} if form in ("plain", "diffrax") else {}
+                more |= {"scalar": True} if form == "c" and batch == 1 else {}
+                jobs[form] = job(form, 1 if form in ALONE else batch, dtype, **more)
+            rows += compare(jobs, turns, {"batch": batch, "dtype": dtype, "integrator": "rk4"})
+    jobs = {"agvjax": job("agvjax", 1024, integrator="euler"), "agvjax, rk4": job("agvjax", 1024)}
+    rows += compare(jobs, turns, {"batch": 1024, "dtype": "float32", "integrator": "euler"}, same=False)
+    for batch in (1024, 8192):
+        jobs = {"agvjax": job("agvjax", batch, threads=2), "agvjax, one core": job("agvjax", batch)}
+        rows += compare(jobs, turns, {"batch": batch, "dtype": "float32", "integrator": "rk4", "cores": 2})
+    return rows
 
 
-def _start(form: str, size: int) -> Any:
-    environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, __file__, "--worker", form, str(size)]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True)
-
-
-def _turn(worker: Any) -> float:
-    worker.stdin.write("go\n")
-    worker.stdin.flush()
-    return float(worker.stdout.readline())
-
-
-if __name__ == "__main__":
-    main()
+def compare(
+    jobs: dict[str, dict[str, Any]], turns: int, setting: dict[str, Any], same: bool = True
+) -> list[dict[str, Any]]:
+    """Rows of one group of contestants that took turns; the first is what the others are held against."""
+    results = take_turns(jobs, turns)
+    ours = results["agvjax"]
+    rows = []
+    for name, result in results.items():
+        middle, low, high = ratio(result, ours)
+        row = {**setting, "peer": name, "mstep_per_s": rate(result), "ours_mstep_per_s": rate(ours)}
+        rows.append(row | {"ratio": middle, "low": low, "high": high, "value": result["value"], "ours": ours["value"]})
+        if same and all(jobs[name][key] == jobs["agvjax"][key] for key in ("steps", "batch")):
+            assert abs(result["value"] / ours["value"] - 1) < 2e-3, row  # the same loop
+    return rows

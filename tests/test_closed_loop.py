@@ -209,11 +209,8 @@ READINGS = {
 
 
 @pytest.mark.parametrize("name", READINGS)
-def test_reading_agrees_with_the_reference_to_rounding(name, monkeypatch):
+def test_reading_agrees_with_the_reference_to_rounding(name):
     controller, scenario, reading, dt, n_steps = READINGS[name]
-    swapped = reading.get("heading") == "bearing_swapped"
-    if swapped:
-        undefined_at_start(monkeypatch)
     states = rk4.__wrapped__(Parameters(**reading), dt, n_steps)
     mine = packed(simulate(controller, scenario, dt=dt, n_steps=n_steps))
     np.testing.assert_allclose(mine, states, rtol=1e-9, atol=1e-9)
@@ -221,26 +218,24 @@ def test_reading_agrees_with_the_reference_to_rounding(name, monkeypatch):
     assert np.abs(states - default)[:, :5].max() > 1e-3  # the reading decides something here
 
 
-def undefined_at_start(monkeypatch):
-    """Give the reference the bearing 0 at t = 0, where (56) is undefined, as agvjax does; else it has the limit."""
-    original = reference.heading
-
-    def heading(t, reading="bearing"):
-        value, rate = original(t, reading)
-        there = (np.asarray(t) == 0) & (reading != "bearing")
-        return np.where(there, 0.0, value), np.where(there, 0.0, rate)
-
-    monkeypatch.setattr(reference, "heading", heading)
+def test_a_step_begins_where_the_raw_bearing_jumps():
+    crossing = np.pi / reference.THETA_RATE  # 5.998 s
+    run = simulate(NeuroBackstepping(), Scenario(heading=RawBearing()), dt=2e-3, n_steps=3250)
+    t = np.asarray(run.t)
+    assert t[2999] == pytest.approx(crossing, abs=1e-14)
+    np.testing.assert_allclose(np.delete(t, 2999), 2e-3 * np.delete(np.arange(3251), 2999), rtol=1e-14)
+    states = reference.solve(Parameters(heading="bearing_raw"), horizon=6.5, times=t)[1]
+    np.testing.assert_allclose(packed(run)[250:, :5], states[250:, :5], rtol=0, atol=1e-5)  # 6e-3 with a step across it
 
 
-def test_raw_bearing_jumps_where_the_path_passes_the_origin(monkeypatch):
-    dt, n_steps = 2e-3, 3250  # the path passes the origin at 5.998 s
-    undefined_at_start(monkeypatch)
-    states = reference.rk4(Parameters(heading="bearing_raw"), dt, n_steps)[1]
-    run = simulate(NeuroBackstepping(), Scenario(heading=RawBearing()), dt=dt, n_steps=n_steps)
-    np.testing.assert_allclose(packed(run), states, rtol=1e-9, atol=1e-8)
-    jump = np.diff(np.asarray(run.reference_heading))
-    assert np.argmax(np.abs(jump)[1:]) + 1 == 2998 and abs(abs(jump[2998]) - np.pi) < 0.01
+def test_a_step_begins_where_a_disturbance_jumps_whatever_the_grid():
+    jump = 0.50371
+    sides = [f"deadzone.heading.{part}" for part in ("slope_right", "slope_left")]
+    adrift = agvjax.replace(Scenario(disturbance=agvjax.Step(amplitude=0.3, time=jump)), dict.fromkeys(sides, 1e-12))
+    run = simulate(NeuroBackstepping(), adrift, n_steps=100, dt=1e-2)  # its yaw actuator delivers next to nothing
+    t = np.asarray(run.t)
+    assert t[50] == jump and t[49] == 0.49 and t[51] == 0.51
+    np.testing.assert_allclose(run.heading, 0.1 + 0.3 * np.maximum(0.0, t - jump), atol=1e-10)
 
 
 def start_to_end(dt, integrator):

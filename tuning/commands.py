@@ -21,7 +21,7 @@ from . import report, runs, startup
 from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds
 from .objective import Objective
-from .optimise import Progress, Tuner
+from .optimise import SEQUENTIAL, Progress, Tuner, mode
 from .settings import Config, steps_of
 
 
@@ -62,7 +62,7 @@ def tune(arguments: argparse.Namespace) -> int:
     config = _configure(arguments)
     tuner, stability = _tuner(config)
     out = _same_folder(arguments, config) if arguments.resume else _new_folder(arguments)
-    if tuner.gradient == "forward":
+    if tuner.forward:
         prepared = startup.traced(tuner.jacobian, configuration.dump(config), tuner.free.coordinates(config.controller))
         tuner = dataclasses.replace(tuner, prepared=prepared)
     progress = tuner.begin()
@@ -149,14 +149,19 @@ def _configure(arguments: argparse.Namespace) -> Config:
     config = configuration.load(arguments.config, overrides, arguments.command)
     jax.config.update("jax_enable_x64", config.precision == 64)
     startup.keep_compiled()
-    said = agvjax.tune_xla(reverse=arguments.command == "tune" and config.tune.gradient == "reverse")
-    if not said.startswith("fast"):
-        _say(arguments, f"note: {said}")
+    way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
+    said = agvjax.tune_xla(reverse=arguments.command == "tune" and way == "reverse")
+    notes = [] if said.startswith("fast") else [said]
+    for name in ("simulate", "tune") if arguments.command == "tune" else ("simulate",):
+        section = getattr(config, name)
+        warned = agvjax.step_warnings(config.controller, section.dt, agvjax.INTEGRATORS[section.integrator])
+        notes += [f"{name}.{note}" for note in warned]
+    _say(arguments, *(f"note: {note}" for note in notes))
     return config
 
 
 def _say(arguments: argparse.Namespace, *lines: str) -> None:
-    if not arguments.quiet:
+    if lines and not arguments.quiet:
         print(*lines, sep="\n", flush=True)
 
 

@@ -20,6 +20,7 @@ from .free import Free
 from .objective import Objective, Score
 
 BLOCK, LEAST = 64, 16  # scenarios in a block and on a device: fewer than in a rollout, since each carries its tangents
+MOST_FORWARD = 30  # gains up to which forward mode costs less than reverse mode; see benchmarks/gradient.py
 FEASIBLE = 1e-3  # a limit counts as met up to a tenth of a percent
 SEQUENTIAL = "slp"  # an optimiser of our own, beside those of optax
 HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped")
@@ -56,7 +57,7 @@ class Tuner:
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # further arguments of the optax optimiser
     clip: float = 1.0
     patience: int = 100
-    gradient: str = "forward"
+    gradient: str = "auto"
     budget: Any = None  # (2, M), what the ratios are taken to; None for what the starting gains achieve
     prepared: Callable[[Any], tuple[Any, Any, Any]] | None = None  # `jacobian` of this very problem, compiled before
 
@@ -101,7 +102,7 @@ class Tuner:
         if self.budget is not None:
             return np.asarray(self.budget)
         start = self.free.coordinates(self.controller)
-        values, ok = self.push(start)[:2] if self.gradient == "forward" else jax.jit(self.values)(start)
+        values, ok = self.push(start)[:2] if self.forward else jax.jit(self.values)(start)
         if not np.any(ok):
             raise RuntimeError(
                 f"every one of the {self.batch.size} runs diverges with the starting gains: nothing to tune from"
@@ -133,7 +134,7 @@ class Tuner:
             gradient, score = jax.grad(lambda z: self.cost_of(*self.values(z)), has_aux=True)(z)
             return score, gradient
 
-        if self.gradient == "forward":
+        if self.forward:
             return lambda z: self.weigh(*self.push(z))
         compute = jax.jit(reverse)
         return lambda z: jax.device_put(compute(z), jax.local_devices()[0])
@@ -152,6 +153,11 @@ class Tuner:
     def try_update(self, z: Any) -> Any:
         """One step along z itself, to see whether this optimiser can be driven by gradients alone."""
         return self.update(z, self.chain.init(z), z)
+
+    @property
+    def forward(self) -> bool:
+        """Whether gradients are taken in forward mode."""
+        return self.sequential or mode(self.gradient, len(self.free.names)) == "forward"
 
     @property
     def sequential(self) -> bool:
@@ -208,6 +214,11 @@ class Tuner:
     def best(self, p: Progress) -> Any:
         """The controller with the best gains so far: limits met first, then cost."""
         return self.free.controller(p.best_z, self.controller)
+
+
+def mode(gradient: str, gains: int) -> str:
+    """What `auto` means for so many gains."""
+    return gradient if gradient != "auto" else "forward" if gains <= MOST_FORWARD else "reverse"
 
 
 def find_optimizer(name: str) -> Callable[..., Any]:

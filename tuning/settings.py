@@ -22,7 +22,7 @@ WHOLE = Rule("a whole number from 0 to 2^53", lambda x: (x >= 0) & (x <= 2**53) 
 MOST_STEPS = 1e8
 _GOAL = Objective()  # the defaults of the tuning problem live there, those of its solution in Tuner
 CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
-CHOICES |= {"tune.gradient": ("forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
+CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ def _names(config: Config) -> list[agvjax.Problem]:
     if not config.ensemble.draws:
         found.append(agvjax.Problem("ensemble.draws", "{}", "at least one leaf of the scenario"))
     if tune.optimizer == SEQUENTIAL:
-        if tune.gradient != "forward":
+        if tune.gradient == "reverse":
             found.append(
                 agvjax.Problem("tune.gradient", tune.gradient, f"forward: {SEQUENTIAL} needs the whole Jacobian")
             )

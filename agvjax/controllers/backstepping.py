@@ -191,6 +191,15 @@ class Backstepping:
         """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
         return self.filter.poles(float(self.omega_n), float(self.zeta))
 
+    def rates(self) -> dict[str, np.ndarray]:
+        """Poles of the modes whose speed a gain sets [1/s], by that gain: filter, and eqs. (32), (41), (63)."""
+        return {
+            "omega_n": self.poles(),
+            "k1": np.array([-float(self.k1)]),
+            "k2": np.array([-float(self.k2)]),
+            "k3": np.array([-float(self.k3)]),
+        }
+
     def upper_bounds(self, stable: Callable[[np.ndarray], bool]) -> dict[str, float]:
         """What gains must stay below: `stable(poles)` says whether a step integrates modes with these poles.
 

@@ -1,0 +1,1 @@
+"""How fast, how large, how accurate: `python -m benchmarks` runs everything, `python -m benchmarks PART` one part."""

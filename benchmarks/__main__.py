@@ -1,0 +1,94 @@
+"""`python -m benchmarks [PART ...]`: measure, print, keep in benchmarks/results/."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import importlib.metadata
+import json
+import multiprocessing
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from . import accuracy, figure, gradient, rollout, startup
+
+RESULTS = Path(__file__).parent / "results"
+PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
+    "rollout": rollout.measure,
+    "gradient": gradient.measure,
+    "memory": lambda turns: gradient.measure_memory(),
+    "startup": startup.measure,
+    "accuracy": lambda turns: _alone(accuracy.measure),
+}
+LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi")
+
+
+def main() -> None:
+    """Run the parts asked for; each is kept beside what earlier runs on this machine found."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], help="default: all")
+    parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
+    given = parser.parse_args()
+    RESULTS.mkdir(exist_ok=True)
+    for name in given.parts or PARTS:
+        rows = PARTS[name](given.turns)
+        kept = {"part": name, "machine": machine(), "rows": rows}
+        (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
+        (RESULTS / f"{name}.md").write_text(table(kept))
+        print(table(kept))
+    if (RESULTS / "rollout.json").exists():
+        figure.draw(json.loads((RESULTS / "rollout.json").read_text()), RESULTS / "rollout.png")
+
+
+def _alone(function: Callable[[], Any]) -> Any:
+    """In a process of its own: compiler options are one process's."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(function)
+
+
+def machine() -> dict[str, Any]:
+    """What was measured on, when, with which versions."""
+    versions = {}
+    for library in LIBRARIES:
+        try:
+            versions[library] = importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:
+            versions[library] = None
+    return {
+        "date": datetime.date.today().isoformat(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "python": platform.python_version(),
+        "versions": versions,
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        facts = dict(line.split(":", 1) for line in reversed(lines) if ":" in line)
+        facts = {key.strip(): value.strip() for key, value in facts.items()}
+        wide = [name for name in ("avx512f", "avx2", "avx") if name in facts.get("flags", "").split()]
+        return f"{facts['model name']} ({', '.join(wide[:1])})"
+    except (OSError, KeyError):
+        return platform.processor() or platform.machine()
+
+
+def table(kept: dict[str, Any]) -> str:
+    """A part as Markdown."""
+    facts, rows = kept["machine"], kept["rows"]
+    versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
+    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    for row in rows:
+        cells = [row.get(column, "") for column in columns]
+        lines.append("| " + " | ".join(f"{c:.3g}" if isinstance(c, float) else str(c) for c in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()
