@@ -83,14 +83,10 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
 
 def step_warnings(controller: Any, dt: float, integrator: Integrator) -> list[str]:
     """Gains that a stable step follows badly: a mode they set is off by more than 1 % over its own time constant."""
-    said = []
-    for gain, poles in controller.rates().items() if hasattr(controller, "rates") else ():
-        error = max((integrator.error(pole * dt) for pole in poles), default=0.0)
-        if error > COARSE:
-            said.append(
-                f"dt = {dt:g} s is coarse for {gain}: {integrator.name} follows the mode it sets with {error:.1%} error"
-            )
-    return said
+    rates = controller.rates() if hasattr(controller, "rates") else {}
+    errors = {gain: max((integrator.error(pole * dt) for pole in poles), default=0.0) for gain, poles in rates.items()}
+    coarse = [f"{gain} ({error:.0%})" for gain, error in errors.items() if error > COARSE]
+    return [f"dt = {dt:g} s is coarse: error of the modes that gains set, {', '.join(coarse)}"] if coarse else []
 
 
 def check(tree: T, dtype: Any = None) -> T:

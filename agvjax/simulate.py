@@ -200,13 +200,28 @@ class Rollout:
         carry, parts = self.begin(), []
         whole, rest = divmod(self.n_steps, size)
         if whole:
-            carry, samples = jax.lax.scan(lambda c, k: chunk(c, k, size), carry, size * jnp.arange(whole))
+            several, inner = _groups(whole) if save_every is None else (1, whole)
+
+            def group(carry: Carry, first: Any) -> tuple[Carry, Any]:
+                return jax.lax.scan(lambda c, k: chunk(c, k, size), carry, first + size * jnp.arange(inner))
+
+            if several == 1:
+                carry, samples = group(carry, 0)
+            else:  # reverse mode keeps one carry a group, and those of the chunks of one group
+                group = jax.checkpoint(group, prevent_cse=False)
+                carry, samples = jax.lax.scan(group, carry, size * inner * jnp.arange(several))
             parts.append(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), samples))
         if rest:
             carry, samples = chunk(carry, jnp.array(whole * size), rest)
             parts.append(samples)
         last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
         return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _groups(chunks: int) -> tuple[int, int]:
+    """Number and size of groups of chunks, both near the root; one group where there are few or none divides them."""
+    inner = next(g for g in range(int(chunks**0.5), 0, -1) if chunks % g == 0)
+    return (1, chunks) if chunks < 64 or inner < 5 else (chunks // inner, inner)
 
 
 def _first(rows: Any) -> Any:

@@ -158,14 +158,20 @@ def test_a_controller_that_diverges_spoils_no_other():
         np.testing.assert_allclose(leaves(rows)[name][others], before[others], rtol=1e-12, atol=1e-14, err_msg=name)
 
 
-@pytest.mark.parametrize("mode", ["value", pytest.param("forward derivative", marks=pytest.mark.slow)])
+SLOW_MODES = [pytest.param(f"{mode} derivative", marks=pytest.mark.slow) for mode in ("forward", "reverse")]
+
+
+@pytest.mark.parametrize("mode", ["value", *SLOW_MODES])
 def test_memory_of_evaluate_does_not_grow_with_the_horizon(mode):
     def temporary(n_steps):
         def value(k1):
             many = batch(Scenario(), {"start.heading": jnp.linspace(0.0, 1.0, 4)})
             return evaluate(replace(NeuroBackstepping(), {"k1": k1}), many, n_steps=n_steps).rmse
 
-        function = value if mode == "value" else lambda k1: jax.jvp(value, (k1,), (jnp.ones_like(k1),))[1]
+        if mode == "reverse derivative":
+            function = jax.grad(lambda k1: value(k1).sum())
+        else:
+            function = value if mode == "value" else lambda k1: jax.jvp(value, (k1,), (jnp.ones_like(k1),))[1]
         return jax.jit(function).lower(jnp.array(20.0)).compile().memory_analysis().temp_size_in_bytes
 
     short, long = temporary(2000), temporary(20_000)

@@ -33,6 +33,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
     config = _configure(arguments)
     out = _new_folder(arguments)
+    _warn(arguments, config, "simulate")
     trajectory = jax.block_until_ready(_trajectory(config, config.controller, config.scenario))
     metrics = agvjax.measure(trajectory)
     fields = ("t", "position", "velocity", "heading", "reference_position", "reference_heading", "command", "delivered")
@@ -73,6 +74,7 @@ def tune(arguments: argparse.Namespace) -> int:
             raise InputError(
                 [agvjax.Problem("--resume", str(out), f"a run with a whole checkpoint ({error})")]
             ) from error
+    _warn(arguments, config, "tune", "simulate")
     runs.write(out / "config.toml", configuration.dump(config))
     try:
         progress = _optimise(arguments, tuner, progress, out, config.tune.checkpoint_every)
@@ -151,17 +153,21 @@ def _configure(arguments: argparse.Namespace) -> Config:
     startup.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
     said = agvjax.tune_xla(reverse=arguments.command == "tune" and way == "reverse")
-    notes = [] if said.startswith("fast") else [said]
-    for name in ("simulate", "tune") if arguments.command == "tune" else ("simulate",):
-        section = getattr(config, name)
-        warned = agvjax.step_warnings(config.controller, section.dt, agvjax.INTEGRATORS[section.integrator])
-        notes += [f"{name}.{note}" for note in warned]
-    _say(arguments, *(f"note: {note}" for note in notes))
+    if not said.startswith("fast"):
+        _say(arguments, f"note: {said}")
     return config
 
 
+def _warn(arguments: argparse.Namespace, config: Config, *sections: str) -> None:
+    """Say of a step that is allowed and not advisable."""
+    for name in sections:
+        section = getattr(config, name)
+        for note in agvjax.step_warnings(config.controller, section.dt, agvjax.INTEGRATORS[section.integrator]):
+            _say(arguments, f"note: {name}.{note}")
+
+
 def _say(arguments: argparse.Namespace, *lines: str) -> None:
-    if lines and not arguments.quiet:
+    if not arguments.quiet:
         print(*lines, sep="\n", flush=True)
 
 
