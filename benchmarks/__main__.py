@@ -18,6 +18,7 @@ from . import accuracy, figure, gradient, rollout, startup
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "rollout": rollout.measure,
+    "cores": rollout.measure_cores,
     "gradient": gradient.measure,
     "memory": lambda turns: gradient.measure_memory(),
     "startup": startup.measure,

@@ -16,7 +16,7 @@ def draw(kept: dict[str, Any], path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(10, 3.4), layout="constrained", sharex=True)
     for axis, (batch, dtype) in zip(axes, ((1024, "float32"), (1, "float64")), strict=True):
         rows = [r for r in kept["rows"] if (r["batch"], r["dtype"], r["integrator"]) == (batch, dtype, "rk4")]
-        rows = [r for r in rows if r["peer"] in NAMES and "cores" not in r]
+        rows = [r for r in rows if r["peer"] in NAMES]
         rows.sort(key=lambda r: -r["ratio"])
         shown = [(NAMES[r["peer"]], 1 / r["ratio"], r) for r in rows]
         shown.append(("agvjax evaluate", 1.0, None))

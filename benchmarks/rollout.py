@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from agvjax.xla import cores
+
 from .turns import rate, ratio, take_turns
 from .worker import PEERS, jax_ready
 
@@ -90,9 +92,15 @@ def measure(turns: int) -> list[dict[str, Any]]:
             rows += compare(jobs, turns, {"batch": batch, "dtype": dtype, "integrator": "rk4"})
     jobs = {"agvjax": job("agvjax", 1024, integrator="euler"), "agvjax, rk4": job("agvjax", 1024)}
     rows += compare(jobs, turns, {"batch": 1024, "dtype": "float32", "integrator": "euler"}, same=False)
+    return rows
+
+
+def measure_cores(turns: int) -> list[dict[str, Any]]:
+    """The same batch on one core and on all of them."""
+    rows, many = [], cores()
     for batch in (1024, 8192):
-        jobs = {"agvjax": job("agvjax", batch, threads=2), "agvjax, one core": job("agvjax", batch)}
-        rows += compare(jobs, turns, {"batch": batch, "dtype": "float32", "integrator": "rk4", "cores": 2})
+        jobs = {"agvjax": job("agvjax", batch, threads=many), "agvjax, one core": job("agvjax", batch)}
+        rows += compare(jobs, turns, {"batch": batch, "dtype": "float32", "integrator": "rk4", "cores": many})
     return rows
 
 

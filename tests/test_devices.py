@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -42,8 +43,61 @@ print("fine")
 """
 
 
+def run(program, **more):
+    clean = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_NUM_CPU_DEVICES")}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=clean | more, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+ASK = """
+import agvjax, jax, os
+print(agvjax.tune_xla({}))
+print(jax.local_device_count(), os.environ.get("XLA_FLAGS"))
+"""
+LATE = """
+import agvjax, jax
+before = jax.local_device_count()
+print(agvjax.tune_xla())
+print(jax.local_device_count() - before)
+"""
+OWN = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false"
+
+
+@pytest.mark.parametrize(
+    ("given", "environment", "devices", "said"),
+    [
+        ("devices=3", {}, 3, "fast compiler options set"),
+        ("", {"JAX_NUM_CPU_DEVICES": "2"}, 2, "fast compiler options set"),
+        ("", {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}, 4, "fast compiler options set"),
+        ("devices=1", {"XLA_FLAGS": OWN}, 1, "already holds backend options"),
+    ],
+)
+def test_options_and_devices_are_set_unless_they_are_set_already(given, environment, devices, said):
+    sentence, found = run(ASK.format(given), **environment)
+    assert said in sentence
+    count, flags = found.split(" ", 1)
+    assert int(count) == devices
+    assert flags == OWN if OWN in environment.values() else "small_while_loop" in flags
+
+
+def test_too_late_is_said_and_changes_nothing():
+    sentence, change = run(LATE)
+    assert "already started" in sentence and "slower" in sentence and change == "0"
+
+
 @pytest.mark.slow
 def test_metrics_and_derivatives_do_not_depend_on_the_devices():
-    environment = {**os.environ, "JAX_NUM_CPU_DEVICES": "4"}
-    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout == "fine\n", done.stderr
+    assert run(PROGRAM, JAX_NUM_CPU_DEVICES="4") == ["fine"]
+
+
+@pytest.mark.slow
+def test_the_kernel_for_gpus_agrees_with_evaluate():
+    root = Path(__file__).parents[1]
+    command = [sys.executable, "-m", "benchmarks.gpu", "--interpret", "--batches", "8", "--block", "4", "--steps", "20"]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    difference = float(done.stdout.strip().splitlines()[-1].split("|")[3])
+    assert 0 < difference < 1e-8

@@ -349,3 +349,19 @@ def test_dotted_names_reach_every_leaf():
 def test_stability_bounds_are_those_of_the_paper():
     assert NeuroBackstepping().stability_bounds(0.6, 0.72) == {"k1": 1.0, "k2": 0.5 / 0.6, "k3": 0.5 / 0.72}
     assert agvjax.NeuroBackstepping().stability_bounds(2.0, 0.5)["k2"] == 0.5
+
+
+def test_error_of_a_mode_is_the_first_term_a_method_leaves_out():
+    z = 0.01
+    for method, wanted in ((agvjax.EULER, z / 2), (agvjax.HEUN, z**2 / 6), (agvjax.RK4, z**4 / 120)):
+        assert method.error(z) == pytest.approx(wanted, rel=0.01)
+
+
+def test_a_coarse_step_names_the_gains_it_is_too_coarse_for():
+    law = agvjax.NeuroBackstepping()
+    assert agvjax.step_warnings(law, 5e-3, agvjax.RK4) == []  # the step of `tune`
+    (said,) = agvjax.step_warnings(law, 2e-2, agvjax.RK4)
+    assert "dt = 0.02 s" in said and "omega_n" in said and "k1" not in said
+    (said,) = agvjax.step_warnings(law, 5e-3, agvjax.EULER)
+    assert "k1 (5%)" in said  # 20/s times 5 ms, halved
+    assert agvjax.step_warnings(agvjax.OSFC(), 5e-3, agvjax.EULER) == []  # names no modes
