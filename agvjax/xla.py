@@ -47,14 +47,19 @@ def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
     Returns:
         What was done, in one sentence to show: set, left alone because XLA_FLAGS already names backend options,
         too late because JAX has started (then rollouts run several times slower), or refused by this jaxlib.
+
+    Raises:
+        ValueError: `devices` is less than 1.
     """
+    if devices is not None and devices < 1:
+        raise ValueError(f"devices must be at least 1; got {devices}")
     flags, present = REVERSE if reverse else FAST, os.environ.get("XLA_FLAGS", "")
     if _started():
         return (
             "JAX has already started: compiler options and devices stay as they are, rollouts run several times slower"
         )
     if devices is not None or not ("JAX_NUM_CPU_DEVICES" in os.environ or "host_platform_device_count" in present):
-        _set_devices(devices or cores())
+        _set_devices(cores() if devices is None else devices)
     if "xla_backend_extra_options" in present:
         return "XLA_FLAGS already holds backend options; left as they are"
     combined = f"{present} {flags}".strip()

@@ -30,9 +30,11 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi")
 def main() -> None:
     """Run the parts asked for; each is kept beside what earlier runs on this machine found."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], help="default: all")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
     given = parser.parse_args()
+    if unknown := set(given.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)

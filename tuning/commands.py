@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
+import signal
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -268,14 +272,17 @@ def _optimise(arguments: argparse.Namespace, tuner: Tuner, progress: Progress, o
     )
     bar = tqdm(total=tuner.iterations, initial=progress.iteration, disable=arguments.quiet, unit="it", mininterval=0.5)
     try:
-        while not tuner.finished(progress):
-            progress = tuner.advance(progress)
-            cost, _, _, latched, gradient = progress.history[-1][1:6]
-            notes = f"cost {cost:.4f} best {progress.best[1]:.4f} |grad| {gradient:.2g} latched {latched:.0f}"
-            bar.set_postfix_str(notes, refresh=False)
-            bar.update()
-            if progress.iteration % every == 0:
-                runs.save(out, progress)
+        with _interrupts() as lost:
+            while not tuner.finished(progress):
+                if lost:
+                    raise KeyboardInterrupt
+                progress = tuner.advance(progress)
+                cost, _, _, latched, gradient = progress.history[-1][1:6]
+                notes = f"cost {cost:.4f} best {progress.best[1]:.4f} |grad| {gradient:.2g} latched {latched:.0f}"
+                bar.set_postfix_str(notes, refresh=False)
+                bar.update()
+                if progress.iteration % every == 0:
+                    runs.save(out, progress)
     finally:  # also on Ctrl-C: the folder then holds the best gains so far, and --resume goes on
         bar.close()
         if progress.history:
@@ -283,6 +290,23 @@ def _optimise(arguments: argparse.Namespace, tuner: Tuner, progress: Progress, o
             runs.write_history(out / "history.csv", names, progress)
             runs.write(out / "gains.toml", configuration.gains_table(tuner.best(progress)))
     return progress
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """The interrupts that came: compiled code that is calling back into Python may swallow the exception itself."""
+    came: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note) if threading.current_thread() is threading.main_thread() else None
+    try:
+        yield came
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
 
 
 def _conclude(
