@@ -16,6 +16,8 @@ from . import loop
 from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
 from .angle import wrap
 
+MOMENT, EDGE = 8, 0.1  # of the smooth settling time: its power of time, and the softness of the band as a share of it
+
 
 @pytree
 class Metrics:
@@ -33,6 +35,7 @@ class Metrics:
     peak_command: Float[Array, "3"]  # largest |u|
     chatter: Float[Array, "3"]  # total variation of u
     ok: Bool[Array, ""]  # False: diverged and latched
+    settling_smooth: Float[Array, "3"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
 
     @property
     def total_rmse(self) -> Float[Array, ""]:
@@ -77,6 +80,7 @@ class Tally:
     absolute_timed: Float[Array, "3"]
     beyond: Float[Array, "3"]
     last_outside: Float[Array, "3"]
+    outside_moment: Float[Array, "3"] | None
     command_squared: Float[Array, "3"]
     peak: Float[Array, "3"]
     chatter: Float[Array, "3"]
@@ -90,6 +94,7 @@ class Criteria:
     relative: bool = structure(False)
     late: float = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
+    smooth: bool = structure(False)  # also a settling time that has a slope
 
     def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[Any, Any]:
         """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
@@ -107,6 +112,7 @@ class Criteria:
             absolute_timed=zero,
             beyond=zero,
             last_outside=zero,
+            outside_moment=zero if self.smooth else None,
             command_squared=zero,
             peak=zero,
             chatter=zero,
@@ -127,10 +133,17 @@ class Criteria:
             absolute_timed=tally.absolute_timed + whole * sample.time * size,
             beyond=jnp.maximum(tally.beyond, -jnp.sign(tally.first_error) * e),
             last_outside=jnp.where(size > band, sample.time, tally.last_outside),
+            outside_moment=self._moment(tally.outside_moment, whole, sample.time, size / band),
             command_squared=tally.command_squared + whole * u * u,
             peak=jnp.maximum(tally.peak, jnp.abs(u)),
             chatter=tally.chatter + jnp.abs(u - tally.last_command),
         )
+
+    def _moment(self, moment: Any, weight: Any, t: Any, share: Any) -> Any:
+        """Integral of t^(MOMENT - 1) over the time outside the band, whose edge is soft."""
+        if moment is None:
+            return None
+        return moment + weight * t ** (MOMENT - 1) * jax.nn.sigmoid((share - 1) / EDGE)
 
     def finish(self, tally: Tally, ok: Bool[Array, ""], horizon: Float[Array, ""]) -> Metrics:
         """The metrics of a run of `horizon` seconds."""
@@ -144,6 +157,7 @@ class Criteria:
         late_time = horizon - self.late
         late = mean_root(tally.squared_late, jnp.where(late_time > 0, late_time, 1.0))
         settled = ok & (tally.last_outside < horizon - self.margin)
+        smooth = None if tally.outside_moment is None else _smooth_settling(tally.outside_moment, settled, horizon)
         return Metrics(
             rmse=mean_root(tally.squared, horizon),
             rmse_late=jnp.where(late_time > 0, late, jnp.nan),
@@ -153,11 +167,23 @@ class Criteria:
             overshoot=judged(tally.beyond),
             settling_time=jnp.where(settled, tally.last_outside, jnp.inf),
             settled=settled,
+            settling_smooth=None if smooth is None else judged(smooth),
             rms_command=mean_root(tally.command_squared, horizon),
             peak_command=judged(tally.peak),
             chatter=judged(tally.chatter),
             ok=ok,
         )
+
+
+def _smooth_settling(moment: Any, settled: Any, horizon: Any) -> Any:
+    """The moment as a time [s]; of a run that has not settled at least its horizon, with the same slope.
+
+    An error that leaves the band for good at T gives (integral of p t^(p-1) over [0, T])^(1/p) = T; one that comes back
+    for a while adds that while, weighted by how late it is. So it changes smoothly where the last crossing jumps.
+    """
+    inside = moment > 0
+    time = jnp.where(inside, (MOMENT * jnp.where(inside, moment, 1.0)) ** (1 / MOMENT), 0.0)
+    return time + jax.lax.stop_gradient(jnp.where(settled, 0.0, jnp.maximum(horizon - time, 0.0)))
 
 
 def _trapezoid(t: Any, left: Any, right: Any, begin: Any, end: Any) -> Any:

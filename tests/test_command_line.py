@@ -27,13 +27,19 @@ TUNE = [
     "tune.integrator=euler",
     'tune.gains=["k1", "k3"]',
     "tune.clip=1",
+    "tune.optimizer=adam",
     "tune.iterations=1500",
     "tune.patience=2000",
+    "tune.search.checks=0",
+    "tune.search.scouts=8",
+    "tune.search.iterations=2",
     "tune.checkpoint_every=5",
     "ensemble.size=8",
     "ensemble.validation_size=4",
 ]
-FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history")}
+FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history", "sensitivity")}
+TUNED = ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "metrics.jsonl"]
+pytestmark = pytest.mark.xdist_group("command line")  # they share one tuning run
 
 
 def arguments(command, out, settings=(), *more):
@@ -67,7 +73,6 @@ def refused(monkeypatch, capsys, tmp_path):
     """Runs the command in this process, the state of JAX left alone, to exit code 2; returns what it says."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(startup, "keep_compiled", lambda: None)
-    monkeypatch.setattr(startup, "traced", lambda function, *_: function)
     monkeypatch.setattr(agvjax, "tune_xla", lambda **_: "fast compiler options set")
 
     def call(argv):
@@ -186,24 +191,30 @@ def history(out):
 def test_tune_writes_what_it_promises(tuned):
     out, said = tuned
     figures = [f"{name}.png" for name in FIGURES["tune"]]
-    assert files_of(out) == sorted(
-        ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "report.md", *figures]
-    )
+    assert files_of(out) == sorted([*TUNED, "report.html", "report.md", "worst.json", *figures])
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
     report = (out / "report.md").read_text()
     assert report in said and str(out) in said
     assert "validation" in report and "| k1 |" in report and all(name in report for name in figures)
     with np.load(out / "checkpoint.npz", allow_pickle=False) as file:
-        assert file["iteration"] == 1500
+        assert file["0/iteration"] == 1500
 
 
 def test_the_history_has_a_row_an_iteration(tuned):
     rows = history(tuned[0])
-    columns = ["iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "skipped", "k1", "k3"]
-    assert list(rows[0]) == columns
+    columns = ["round", "start", "iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped"]
+    assert list(rows[0]) == [*columns, "backed_out", "rollouts", "k1", "k3"]
     assert [row["iteration"] for row in rows] == [str(i) for i in range(1500)]
-    assert (rows[0]["latched"], rows[0]["skipped"]) == ("0", "0")
+    assert (rows[0]["latched"], rows[0]["backed_out"], rows[0]["rollouts"]) == ("0", "0", "3")
     np.testing.assert_allclose([float(rows[0][name]) for name in ("cost", "k1", "k3")], [1.3, 20, 12], rtol=1e-9)
+
+
+def test_the_log_has_the_rows_of_the_history(tuned):
+    lines = [json.loads(line) for line in (tuned[0] / "metrics.jsonl").read_text().splitlines()]
+    rows = history(tuned[0])
+    assert len(lines) == len(rows) and list(lines[0]) == list(rows[0])
+    for line, row in zip(lines[::100], rows[::100], strict=True):
+        assert [float(x) for x in line.values()] == [float(x) for x in row.values()]
 
 
 def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
@@ -224,7 +235,7 @@ def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
         "b1",
         "b2",
     } <= set(gains)
-    best = min(history(tuned[0]), key=lambda row: (max(0.0, float(row["excess"]) - 1e-3), float(row["cost"])))
+    best = min(history(tuned[0]), key=lambda row: (max(0.0, float(row["excess"]) - 5e-4), float(row["goal"])))
     assert (gains["k1"], gains["k3"]) == (float(best["k1"]), float(best["k3"]))
     kept = {"k2": 20, "Lam": 16, "Lam_psi": 9, "omega_n": 90, "zeta": 0.75, "gamma1": 0.1, "eta1": 0.001, "b1": 1}
     assert {name: gains[name] for name in kept} == kept
@@ -242,7 +253,7 @@ def test_an_ensemble_in_which_every_run_diverges_exits_with_1(tmp_path):
     out = tmp_path / "out"
     _, err = run(arguments("tune", out, [*TUNE, "scenario.limit=0.1", "ensemble.size=2"], "--quiet"), code=1)
     assert "every one of the 2 runs diverges" in err
-    assert files_of(out) == ["config.toml"]
+    assert files_of(out) == ["config.toml", "metrics.jsonl"]
 
 
 def stop_midway(out, settings, how, folder_has="checkpoint.npz"):
@@ -258,9 +269,9 @@ def stop_midway(out, settings, how, folder_has="checkpoint.npz"):
 
 def resume_and_compare(out, wanted, settings):
     with np.load(out / "checkpoint.npz") as file:
-        assert 0 < file["iteration"] < len(history(wanted)), "stopped too late to say anything"
+        assert 0 < file["0/iteration"] < len(history(wanted)), "stopped too late to say anything"
     run(arguments("tune", out, settings, "--resume", "--quiet"))
-    for name in ("history.csv", "gains.toml", "config.toml", "report.md"):
+    for name in ("history.csv", "metrics.jsonl", "gains.toml", "config.toml", "report.md", "worst.json"):
         assert (out / name).read_bytes() == (wanted / name).read_bytes(), name
     assert files_of(out) == files_of(wanted)  # in particular no *.part
 
@@ -270,7 +281,7 @@ def test_ctrl_c_keeps_the_best_gains_and_the_rest_can_be_made_up(tuned, tmp_path
     code, err = stop_midway(out, TUNE, signal.SIGINT)
     assert code == 130, err
     assert "interrupted" in err and "Traceback" not in err
-    assert files_of(out) == ["checkpoint.npz", "config.toml", "gains.toml", "history.csv"]
+    assert files_of(out) == TUNED
     rows, whole = (folder / "history.csv" for folder in (out, tuned[0]))
     assert whole.read_bytes().startswith(rows.read_bytes())
     assert set(tomllib.loads((out / "gains.toml").read_text())["controller"]) >= {"k1", "k3"}
@@ -345,8 +356,8 @@ BAD = {
     "unknown path": ("scenario.path=square", ("scenario.path", "'square'", "dumbbell", "circle")),
     "unknown controller": ("controller=''", ("controller", "neuro_backstepping")),
     "unknown optimiser": ("tune.optimizer=adaam", ("tune.optimizer", "adaam", "optax")),
-    "unknown option of the optimiser": ("tune.options.momentun=1", ("tune.optimizer", "momentun")),
-    "unknown metric to minimise": ("tune.goal.metric=rsme", ("tune.goal.metric", "'rsme'", "rmse")),
+    "unknown option of the optimiser": ("tune.options.momentun=1", ("tune.options", "momentun", "empty")),
+    "unknown metric to minimise": ("tune.goals.rsme=1", ("tune.goals.rsme", "rmse")),
     "unknown metric to limit": ("tune.limits.rsme=1", ("tune.limits.rsme", "rmse")),
     "limit 0": ("tune.limits.effort=0", ("tune.limits.effort", "> 0")),
     "unknown gain": ('tune.gains=["k9"]', ("tune.gains", "k9", "k1")),
@@ -386,7 +397,7 @@ def test_all_bad_settings_are_named_at_once(refused, tmp_path):
         "simulate.dt=0",
         "tune.optimizer=adaam",
     ]
-    settings += ["foo=1", "tune.goal.metric=x", "ensemble.draws.start.x.between=[0, 1]", "tune.limits.effort=-2"]
+    settings += ["foo=1", "tune.goals.x=1", "ensemble.draws.start.x.between=[0, 1]", "tune.limits.effort=-2"]
     said = refused(arguments("tune", tmp_path / "out", settings))
     assert "8 bad values:" in said and len(said.strip().splitlines()) == 9
     for key in ("controller.k1", "slope_right", "simulate.dt", "tune.optimizer", "foo", "metric", "start.x", "effort"):

@@ -12,9 +12,9 @@ import pytest
 
 import agvjax
 from agvjax import Metrics, NeuroBackstepping, Scenario, Trajectory
-from tuning import cli, compare, slp
-from tuning.objective import Objective
-from tuning.paper import cases, facts, page, published, tables
+from tuning import Objective, cli, compare, within
+from tuning.markdown import html
+from tuning.paper import cases, facts, published, tables
 
 
 def metrics(settling=(1.0, 1.0, 1.0), rmse=(0.1, 0.1, 0.1), ok=True):
@@ -146,60 +146,6 @@ def test_literal_thresholds_are_the_printed_ones():
     np.testing.assert_allclose(zone(np.array([0.0, 0.45, 1.5])), [-0.32, 0.0, 0.6], atol=1e-12)  # dz(0) = -.32, R1
 
 
-# --------------------------------------------------------------------------------------------------- sequential tuner
-
-
-def descend(model, start, objective, iterations=60):
-    """Drive the search on a hand-made model: z -> (values (M, B), slopes (K, M, B)), reference 1."""
-    values, _ = model(np.asarray(start, float))
-    reference = np.ones((2, values.shape[0]))
-    ok = np.ones(values.shape[1], bool)
-    state, z = slp.State.begin(len(start), *values.shape), np.asarray(start, float)
-    for _ in range(iterations):
-        values, slopes = model(z)
-        cost = float(objective.score(np.asarray(values), ok, reference).cost)
-        z, state = slp.step(state, z, cost, (values, ok, slopes), objective, reference)
-        if state.converged:
-            break
-    return state
-
-
-def test_sequential_steps_stop_on_the_limit():
-    # the point of z1 + z2 <= 1 nearest to (1, 2) is (0, 1)
-    def model(z):
-        goal = (z[0] - 1) ** 2 + (z[1] - 2) ** 2
-        values = np.array([[goal], [z[0] + z[1]]])
-        return values, np.array([[[2 * (z[0] - 1)], [1.0]], [[2 * (z[1] - 2)], [1.0]]])
-
-    state = descend(model, (0.0, 0.0), Objective(mean=1.0, worst=0.0, limits={"effort": 1.0}, penalty=10.0))
-    np.testing.assert_allclose(state.center, [0.0, 1.0], atol=2e-2)
-    np.testing.assert_allclose(state.cost, 2.0, rtol=1e-3)
-    assert state.center.sum() <= 1 + 1e-3
-
-
-def test_sequential_steps_balance_the_worst():
-    centers = np.array([-1.0, 2.0])  # the largest of (z + 1)^2 and (z - 2)^2 is least half-way
-
-    def model(z):
-        return (z[0] - centers)[None, :] ** 2, 2 * (z[0] - centers)[None, None, :]
-
-    state = descend(model, (3.0,), Objective(mean=0.0, worst=1.0, limits={}, penalty=10.0))
-    np.testing.assert_allclose(state.center, [0.5], atol=1e-3)
-
-
-def test_a_useless_look_is_stepped_back_from():
-    objective, reference = Objective(mean=1.0, worst=0.0, limits={}, penalty=10.0), np.ones((2, 1))
-    state = slp.State.begin(1, 1, 1)
-    good = (np.array([[1.0]]), np.array([True]), np.array([[[1.0]]]))
-    z, state = slp.step(state, np.array([0.0]), 1.0, good, objective, reference)
-    assert z[0] == -slp.FIRST  # downhill, to the edge of the trust region
-    again, state = slp.step(state, z, np.nan, None, objective, reference)
-    assert state.center[0] == 0.0 and -slp.FIRST < again[0] < 0.0
-    assert slp.usable(good, reference)
-    assert not slp.usable((None, None, np.array([[[np.nan]]])), reference)
-    assert not slp.usable((None, None, np.array([[[1e9]]])), reference)
-
-
 # --------------------------------------------------------------------------------------------------------- comparison
 
 
@@ -214,10 +160,8 @@ def compared(**mean):
 
 
 def test_statements_are_what_the_rows_say():
-    size = 1 + len(compare.BUDGET)
-    stand_in = types.SimpleNamespace(
-        objective=Objective(limits=dict.fromkeys(compare.BUDGET, 1.0)), budget=2 * np.ones((2, size))
-    )
+    objective = Objective(limits=within(dict.fromkeys(compare.BUDGET, 1.0)))
+    stand_in = types.SimpleNamespace(objective=objective, budget=2 * np.ones((3, 1 + len(compare.BUDGET))))
     rows = compare.rows(stand_in, compared(proposed=0.10, osfc=0.08, dfc=0.2, fractional=0.1005))
     assert [row["law"] for row in rows] == ["osfc", "proposed", "fractional", "dfc"]
     np.testing.assert_allclose([row["use_mean"] for row in rows], 0.5)
@@ -240,7 +184,7 @@ def test_every_law_has_starts_inside_the_step_of_tuning():
 def test_the_html_page_holds_its_pictures(tmp_path):
     picture = b"\x89PNG picture"
     (tmp_path / "fig03.png").write_bytes(picture)
-    text = page.html("# Title\n\n![caption](fig03.png)\n\n| a | b |\n|---|---|\n| 1 | 2 |\n", tmp_path)
+    text = html("# Title\n\n![caption](fig03.png)\n\n| a | b |\n|---|---|\n| 1 | 2 |\n", tmp_path, "Found")
     assert f"data:image/png;base64,{base64.b64encode(picture).decode()}" in text
     assert "fig03.png" not in text and "<td>1</td>" in text
 

@@ -8,16 +8,40 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .ensemble import Between as Between
+    from .ensemble import Distribution as Distribution
+    from .ensemble import OneOf as OneOf
     from .ensemble import Times as Times
     from .ensemble import default_draws as default_draws
     from .ensemble import sample as sample
     from .free import Free as Free
     from .objective import Objective as Objective
+    from .objective import Requirement as Requirement
+    from .objective import within as within
     from .optimise import Progress as Progress
     from .optimise import Tuner as Tuner
+    from .problem import pose as pose
+    from .rounds import Outcome as Outcome
+    from .rounds import solve as solve
+    from .settings import Config as Config
+    from .settings import Ensemble as Ensemble
+    from .settings import Limit as Limit
+    from .settings import Search as Search
+    from .settings import Simulate as Simulate
+    from .settings import Tune as Tune
+    from .settings import Weights as Weights
+    from .worst import Adversary as Adversary
 
-_HOMES = {"Between": "ensemble", "Times": "ensemble", "default_draws": "ensemble", "sample": "ensemble"}
-_HOMES |= {"Free": "free", "Objective": "objective", "Progress": "optimise", "Tuner": "optimise"}
+_NAMES = {
+    "ensemble": ("Between", "Distribution", "OneOf", "Times", "default_draws", "sample"),
+    "free": ("Free",),
+    "objective": ("Objective", "Requirement", "within"),
+    "optimise": ("Progress", "Tuner"),
+    "problem": ("pose",),
+    "settings": ("Config", "Ensemble", "Limit", "Search", "Simulate", "Tune", "Weights"),
+    "rounds": ("Outcome", "solve"),
+    "worst": ("Adversary",),
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 from collections.abc import Sequence
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune | reproduce | compare`."""
+    """`agvjax simulate | tune | pareto | doctor | reproduce | compare`."""
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
@@ -29,6 +30,10 @@ def parser() -> argparse.ArgumentParser:
     )
     tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
     tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
+    commands.add_parser(
+        "pareto", parents=[common], help="tune along a moving limit: the front of error against command"
+    )
+    commands.add_parser("doctor", parents=[common], help="check gradients and runs of a problem before it is tuned")
     reproduce = commands.add_parser(
         "reproduce", parents=[common], help="rebuild the paper's tables and figures beside the printed numbers"
     )
@@ -43,13 +48,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit code: 0 success, 1 a run that failed, 2 bad input, 130 interrupted."""
     arguments = parser().parse_args(argv)
     try:
-        from . import commands  # late: --help must not wait for JAX
+        command = importlib.import_module(f".commands.{arguments.command}", __package__)  # late: --help needs no JAX
+        from .commands.common import InputError, RunFailed
 
         try:
-            return getattr(commands, arguments.command)(arguments)
-        except (commands.InputError, commands.RunFailed) as error:
+            return command.run(arguments)
+        except (InputError, RunFailed) as error:
             print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
-            return 2 if isinstance(error, commands.InputError) else 1
+            return 2 if isinstance(error, InputError) else 1
     except KeyboardInterrupt:
         print(f"agvjax {arguments.command}: interrupted", file=sys.stderr)
         return 130

@@ -18,11 +18,13 @@ from agvjax.leaves import get
 from . import runs
 from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds, tunable
-from .objective import METRICS, Objective
+from .markdown import grid, html
+from .objective import METRICS, Objective, within
 from .optimise import SEQUENTIAL, Tuner
 from .paper.cases import LABELS, WORKERS, matched, problems
 from .paper.figures import caption
-from .paper.page import grid, html, image
+from .paper.page import image
+from .problem import requirements
 from .settings import Config, steps_of
 
 __all__ = ["Comparison", "Tuned", "compare", "laws", "problems", "rows", "write"]
@@ -73,8 +75,8 @@ class Comparison:
         self.config, self.method = config, agvjax.INTEGRATORS[config.tune.integrator]
         self.seen = sample(config.scenario, draws, sizes.size, config.seed)
         self.unseen = sample(config.scenario, draws, sizes.validation_size, config.seed + 1)
-        goal = config.tune.goal
-        self.objective = Objective(goal.metric, goal.mean, goal.worst, dict.fromkeys(BUDGET, 1.0), 10.0)
+        goals = requirements(config.tune).goals
+        self.objective = Objective(goals, within(dict.fromkeys(BUDGET, 1.0)), 10.0)
 
     def steps(self, dt: float) -> dict[str, Any]:
         """Timing of a rollout at this step."""
@@ -82,12 +84,14 @@ class Comparison:
 
     @functools.cached_property
     def budget(self) -> np.ndarray:
-        """(2, M): mean and worst of the goal and of each command metric, of the configured law on the tuning set."""
+        """(3, M): statistics of the goals and of each command metric, of the configured law on the tuning set."""
         law = agvjax.check(self.config.controller)
         values, ok = self.objective.values(agvjax.evaluate(law, self.seen, **self.steps(self.config.tune.dt)))
-        if not np.any(ok):
-            raise RuntimeError("every run of the configured law diverges: it sets no budget")
         return self.objective.reference(values, ok)
+
+    def of(self, metric: str) -> list[float]:
+        """Mean and worst that the budget allows of a command metric."""
+        return self.budget[:2, self.objective.names.index(metric)].tolist()
 
     def judge(self, law: Any) -> agvjax.Metrics:
         """Metrics on the validation scenarios."""
@@ -99,7 +103,7 @@ class Comparison:
         names, dt = tunable(law), self.config.tune.dt
         conditions = stability_bounds(law, self.config.scenario, self.config.ensemble.draws)
         limits = default_bounds(law, names, conditions, dt, self.method)
-        free = Free(names, *(np.array([limits[n][side] for n in names]) for side in (0, 1)))
+        free = Free(names, np.array([limits[n][0] for n in names]), np.array([limits[n][1] for n in names]))
         tuner = Tuner(
             controller=agvjax.check(law),
             batch=self.seen,
@@ -115,10 +119,10 @@ class Comparison:
             if free.problems(start):
                 left_out += 1
                 continue
-            progress = tuner.begin()._replace(z=free.coordinates(start))
+            progress = tuner.begin(free.coordinates(start))
             while not tuner.finished(progress):
                 progress = tuner.advance(progress)
-            looks, refused = looks + progress.iteration, refused + progress.skipped
+            looks, refused = looks + progress.iteration, refused + progress.backed_out
             best = progress if best is None or progress.best < best.best else best
         if best is None:
             raise ValueError(f"no start of {name} lies inside its bounds")
@@ -165,10 +169,11 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, A
             ok = np.asarray(metrics.ok)
             rmse = np.asarray(METRICS["rmse"](metrics))[ok]
             row |= {f"mean_{label}": rmse.mean(), f"worst_{label}": rmse.max(), f"diverged_{label}": int((~ok).sum())}
-        values, ok = comparison.objective.values(tuned.metrics)
-        ratios = np.asarray(comparison.objective.ratios(values, ok, comparison.budget))[:, 1:]
-        row |= {"use_mean": ratios[0].max(), "use_worst": ratios[1].max()}
-        row |= {"most_used": BUDGET[int(np.argmax(ratios[0]))]}
+        objective = comparison.objective
+        use = np.asarray(objective.levels(*objective.values(tuned.metrics), comparison.budget))[len(objective.goals) :]
+        use = use.reshape(2, len(BUDGET))  # mean, worst
+        row |= {"use_mean": use[0].max(), "use_worst": use[1].max()}
+        row |= {"most_used": BUDGET[int(np.argmax(use[0]))]}
         row |= {
             f"rmse_{c}": v
             for c, v in zip("xyp", np.asarray(tuned.metrics.rmse)[np.asarray(tuned.metrics.ok)].mean(0), strict=True)
@@ -247,7 +252,7 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     drawn = caption("comparison", figure(found, made), "agvjax compare")
     runs.write_figure(out / "comparison.png", drawn)
     runs.write_csv(out / "comparison.csv", made[0], [list(row.values()) for row in made])
-    budget = {name: comparison.budget[:, i + 1].tolist() for i, name in enumerate(BUDGET)}
+    budget = {name: comparison.of(name) for name in BUDGET}
     gains = {
         n: {k: float(v) for k, v in agvjax.leaves(t.controller).items() if np.ndim(v) == 0} for n, t in found.items()
     }
@@ -259,10 +264,10 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
 
 
 def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[dict[str, Any]]) -> str:
-    sizes, budget = comparison.config.ensemble, comparison.budget
+    sizes = comparison.config.ensemble
     limits = grid(
         ["command", "mean", "worst"],
-        [[name, float(budget[0, i + 1]), float(budget[1, i + 1])] for i, name in enumerate(BUDGET)],
+        [[name, *comparison.of(name)] for name in BUDGET],
     )
     gains = grid(
         ["law", "gain", "own", "tuned"],

@@ -11,6 +11,8 @@ import numpy as np
 import agvjax
 from agvjax.leaves import get
 
+TAIL = 1e-3  # of a distribution without an end, left out on either side of its box
+
 
 class Between(NamedTuple):
     """Uniform between two values, in the unit of the leaf."""
@@ -18,23 +20,70 @@ class Between(NamedTuple):
     low: float
     high: float
 
-    def box(self, nominal: Any) -> tuple[Any, Any]:
-        """Smallest and largest value."""
-        return self.low + 0 * nominal, self.high + 0 * nominal
+    def quantile(self, share: Any, nominal: Any) -> Any:
+        """The value below which a `share` of the draws lies."""
+        return self.low + (self.high - self.low) * share + 0 * nominal
 
 
 class Times(NamedTuple):
-    """The nominal value times a uniform factor."""
+    """The nominal value, which is not negative, times a uniform factor."""
 
     low: float
     high: float
 
-    def box(self, nominal: Any) -> tuple[Any, Any]:
-        """Smallest and largest value, for a nominal value that is not negative."""
-        return self.low * nominal, self.high * nominal
+    def quantile(self, share: Any, nominal: Any) -> Any:
+        """The value below which a `share` of the draws lies."""
+        low, high = self.low * nominal, self.high * nominal
+        return low + (high - low) * share
 
 
-Draw = Between | Times
+class Distribution(NamedTuple):
+    """Any continuous distribution of `scipy.stats` by its name and parameters; times the nominal value if so asked."""
+
+    name: str
+    parameters: Mapping[str, float]
+    times: bool = False
+
+    def quantile(self, share: Any, nominal: Any) -> Any:
+        """The value below which a `share` of the draws lies.
+
+        Raises:
+            ValueError: no such distribution, or not with these parameters.
+        """
+        from scipy import stats  # late: half a second that few runs need
+
+        family = getattr(stats, self.name, None)
+        if not isinstance(family, stats.rv_continuous):
+            raise ValueError(f"scipy.stats has no continuous distribution {self.name}")
+        try:
+            value = family(**self.parameters).ppf(share)
+        except TypeError as error:
+            raise ValueError(f"{self.name} takes other parameters ({error})") from error
+        if np.any(np.isnan(value)):
+            raise ValueError(f"{self.name} is not defined for {dict(self.parameters)}")
+        return value * nominal if self.times else value + 0 * nominal
+
+
+class OneOf(NamedTuple):
+    """One of some values, each as likely as the others."""
+
+    values: tuple[float, ...]
+
+    def quantile(self, share: Any, nominal: Any) -> Any:
+        """The value below which a `share` of the draws lies."""
+        place = np.minimum((np.asarray(share) * len(self.values)).astype(int), len(self.values) - 1)
+        return np.asarray(sorted(self.values))[place] + 0 * nominal
+
+
+Draw = Between | Times | Distribution | OneOf
+
+
+def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
+    """Smallest and largest value; where there is none, all but a `TAIL` of the draws."""
+    ends = tuple(draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (0.0, 1.0))
+    inner = tuple(draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (TAIL, 1 - TAIL))
+    low, high = (np.where(np.isfinite(end), end, near) for end, near in zip(ends, inner, strict=True))
+    return low, high
 
 
 def default_draws() -> dict[str, Draw]:
@@ -48,22 +97,22 @@ def default_draws() -> dict[str, Draw]:
     }
 
 
-def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int) -> agvjax.Batch:
+def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int, part: int = 0) -> agvjax.Batch:
     """`size` scenarios with the named leaves drawn independently.
 
-    A number depends on the seed, the name of its leaf and its place in the ensemble alone: a larger ensemble begins
-    with the smaller one, and another draw added changes none of the others.
+    A number depends on the seed, the name of its leaf, the part and its place in the ensemble alone: a larger ensemble
+    begins with the smaller one, and another draw added changes none of the others. Another `part` is drawn anew.
     """
     values = {}
     for name, draw in draws.items():
         nominal = np.asarray(get(scenario, name), float)
-        random = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(name.encode())]))
-        low, high = draw.box(nominal)
-        values[name] = low + (high - low) * random.random((size, *nominal.shape))
+        stream = name if part == 0 else f"{name}#{part}"
+        random = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(stream.encode())]))
+        values[name] = draw.quantile(random.random((size, *nominal.shape)), nominal)
     return agvjax.batch(scenario, values)
 
 
 def lowest(scenario: Any, draws: Mapping[str, Draw], name: str) -> float:
     """The smallest value that a leaf can take in the ensemble."""
     nominal = np.asarray(get(scenario, name), float)
-    return float(np.min(draws[name].box(nominal)[0] if name in draws else nominal))
+    return float(np.min(box(draws[name], nominal)[0] if name in draws else nominal))

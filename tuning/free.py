@@ -17,27 +17,44 @@ from .ensemble import Draw, lowest
 
 
 class Free(NamedTuple):
-    """The tuned gains and their open intervals; a gain without upper bound moves in the logarithm of its excess."""
+    """The tuned gains and their open intervals; a gain with one bound moves in the logarithm of its distance to it.
+
+    A gain that is `tied` follows a tuned one at a fixed ratio: name -> (which, ratio).
+    """
 
     names: tuple[str, ...]
     lower: np.ndarray
     upper: np.ndarray
+    tied: Mapping[str, tuple[str, float]] = {}
 
     def coordinates(self, controller: Any) -> Float[Array, " K"]:
         """Where a controller stands. Its gains must lie strictly inside the bounds; see `problems`."""
         x = np.array([float(get(controller, name)) for name in self.names])
-        open_above = np.isinf(self.upper)
-        excess = x - self.lower
-        room = np.where(open_above, 1.0, self.upper - x)
-        return jnp.asarray(np.log(excess) - np.log(room))
+        low, high = np.isfinite(self.lower), np.isfinite(self.upper)
+        above = np.log(np.where(low, x - self.lower, 1.0))
+        below = np.log(np.where(high, self.upper - x, 1.0))
+        return jnp.asarray(np.where(low | high, above - below, x))
 
     def controller(self, z: Float[Array, " K"], like: Any) -> Any:
         """The controller at z; what is not tuned is taken from `like`."""
-        open_above = np.isinf(self.upper)
-        span = jnp.asarray(np.where(open_above, 1.0, self.upper - self.lower), z.dtype)
-        lower = jnp.asarray(self.lower, z.dtype)
-        above = jnp.where(open_above, jnp.exp(jnp.where(open_above, z, 0.0)), span * jax.nn.sigmoid(z))
-        return agvjax.replace(like, dict(zip(self.names, lower + above, strict=True)))
+        gains = dict(zip(self.names, self._gains(z), strict=True))
+        gains |= {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
+        return agvjax.replace(like, gains)
+
+    def _gains(self, z: Float[Array, " K"]) -> Float[Array, " K"]:
+        low, high = np.isfinite(self.lower), np.isfinite(self.upper)
+        lower, upper = (
+            jnp.asarray(np.where(fine, x, 0.0), z.dtype) for fine, x in ((low, self.lower), (high, self.upper))
+        )
+        cases = [low & high, low & ~high, ~low & high]
+        inside = lower + (upper - lower) * jax.nn.sigmoid(z)
+        above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
+        return jnp.select([jnp.asarray(c) for c in cases], [inside, lower + above, upper - below], z)
+
+    def scales(self, z: Float[Array, " K"]) -> np.ndarray:
+        """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
+        x, slope = jax.jvp(self._gains, (z,), (jnp.ones_like(z),))
+        return np.asarray(x / slope)
 
     def problems(self, controller: Any) -> list[agvjax.Problem]:
         """Gains that do not lie strictly inside their bounds."""
@@ -81,6 +98,19 @@ def default_bounds(
         low, high = (0.0, np.inf) if allowed is None else (allowed.low, allowed.high)
         bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
     return bounds
+
+
+def tie(
+    controller: Any, tied: Mapping[str, str], bounds: dict[str, tuple[float, float]], allowed: Mapping[str, Any]
+) -> dict[str, tuple[str, float]]:
+    """Ratios of the tied gains to those they follow, whose `bounds` are narrowed to what the tied ones allow."""
+    found = {}
+    for name, which in tied.items():
+        ratio = float(get(controller, name)) / float(get(controller, which))
+        (low, high), (inner_low, inner_high) = bounds[which], allowed[name]
+        bounds[which] = (max(low, inner_low / ratio), min(high, inner_high / ratio))
+        found[name] = (which, ratio)
+    return found
 
 
 def tunable(controller: Any) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What to minimise and what not to exceed, over an ensemble: the default tuning problem and its relatives."""
+"""What to minimise and what not to exceed, over an ensemble: requirements, and what a set of gains is worth by them."""
 
 from __future__ import annotations
 
@@ -12,77 +12,179 @@ from jaxtyping import Array, Bool, Float
 
 import agvjax
 
+AXES = ("x", "y", "heading")
+STATISTICS = ("mean", "worst", "cvar")
+
+
+def _sloped(true: Array, smooth: Array | None) -> Array:
+    """The true value with the slope of its smooth stand-in, where there is one."""
+    if smooth is None:
+        return true
+    return smooth + jax.lax.stop_gradient(jnp.where(jnp.isfinite(true), true - smooth, 0.0))
+
+
+def _settling(m: agvjax.Metrics) -> Array:
+    return _sloped(m.settling_time, m.settling_smooth)
+
+
+def _by_axis(name: str, of: Callable[[agvjax.Metrics], Array]) -> dict[str, Callable[[agvjax.Metrics], Array]]:
+    return {f"{name}_{axis}": lambda m, i=i: of(m)[..., i] for i, axis in enumerate(AXES)}
+
+
 METRICS: dict[str, Callable[[agvjax.Metrics], Array]] = {
     "rmse": lambda m: m.total_rmse,
     "effort": lambda m: m.effort,
     "peak_position": lambda m: m.peak_position,
     "peak_heading": lambda m: m.peak_heading,
     "chatter": lambda m: m.total_chatter,
+    "settling_time": lambda m: jnp.max(_settling(m), -1),
     "iae": lambda m: jnp.sum(m.iae, -1),
     "ise": lambda m: jnp.sum(m.ise, -1),
     "itae": lambda m: jnp.sum(m.itae, -1),
-    "effort_x": lambda m: m.rms_command[..., 0],
-    "effort_y": lambda m: m.rms_command[..., 1],
-    "effort_heading": lambda m: m.rms_command[..., 2],
-    "peak_x": lambda m: m.peak_command[..., 0],
-    "peak_y": lambda m: m.peak_command[..., 1],
-    "chatter_x": lambda m: m.chatter[..., 0],
-    "chatter_y": lambda m: m.chatter[..., 1],
-    "chatter_heading": lambda m: m.chatter[..., 2],
+    **_by_axis("rmse", lambda m: m.rmse),
+    **_by_axis("rmse_late", lambda m: m.rmse_late),
+    **_by_axis("overshoot", lambda m: m.overshoot),
+    **_by_axis("settling_time", _settling),
+    **_by_axis("effort", lambda m: m.rms_command),
+    **{f"peak_{axis}": lambda m, i=i: m.peak_command[..., i] for i, axis in enumerate(AXES[:2])},
+    **_by_axis("chatter", lambda m: m.chatter),
 }
-UNITS = {"rmse": "m, rad", "effort": "mixed", "peak_position": "m/s^2", "peak_heading": "rad/s", "chatter": "mixed"}
+_UNITS = {"rmse": "m, rad", "effort": "mixed", "chatter": "mixed", "iae": "mixed", "ise": "mixed", "itae": "mixed"}
+_UNITS |= {"peak_position": "m/s^2", "peak_heading": "rad/s", "settling_time": "s"}
+
+
+def unit(metric: str) -> str:
+    """Unit of a metric, for tables."""
+    if metric in _UNITS:
+        return _UNITS[metric]
+    kind, _, axis = metric.rpartition("_")
+    if kind == "settling_time":
+        return "s"
+    turns = axis == "heading"
+    return ("rad" if turns else "m") if kind in ("rmse", "rmse_late", "overshoot") else ("rad/s" if turns else "m/s^2")
+
+
+class Requirement(NamedTuple):
+    """One statistic of one metric: to be minimised with `value` as its weight, or to stay below `value`."""
+
+    metric: str
+    statistic: str  # one of STATISTICS
+    value: float
+    absolute: bool = False  # of a limit: in the metric's own unit and not in multiples of the reference
+
+    @property
+    def name(self) -> str:
+        """As tables and messages call it."""
+        return f"{self.statistic} {self.metric}"
+
+
+def within(limits: Mapping[str, float], absolute: bool = False) -> tuple[Requirement, ...]:
+    """Limits on both the mean and the worst of the named metrics."""
+    return tuple(Requirement(name, s, value, absolute) for s in ("mean", "worst") for name, value in limits.items())
 
 
 class Score(NamedTuple):
-    """What one set of gains is worth on an ensemble; ratios are to the starting gains."""
+    """What one set of gains is worth on an ensemble."""
 
     cost: Float[Array, ""]  # goal + penalty
     goal: Float[Array, ""]
-    excess: Float[Array, ""]  # largest amount by which a limit is exceeded, as a ratio; 0 or less: all are met
+    excess: Float[Array, ""]  # largest share by which a limit is exceeded; 0 or less: all are met
     latched: Float[Array, ""]  # runs that diverged
+    levels: Float[Array, " R"]  # of the requirements, see `Objective.levels`
 
 
 class Objective(NamedTuple):
-    """Minimise `mean` and `worst` times a metric over the ensemble, keep others within limits.
+    """Minimise the goals, each times its weight, and keep the limits, over an ensemble.
 
-    The goal's metric and the limited ones are taken relative to `reference`, their mean and worst with the starting
-    gains or with those of another law. A limit holds for the mean and for the worst. A run that diverged counts
-    `latched` times the reference and sends no gradient.
+    Goals are ratios to a `reference`: the same statistic of the same metric with the starting gains, or of another law.
+    Limits are multiples of that reference, or absolute. A run that diverged counts `latched` times the worst of the
+    reference and sends no gradient.
     """
 
-    metric: str = "rmse"
-    mean: float = 1.0
-    worst: float = 0.3
-    limits: Mapping[str, float] = {"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0}
+    goals: tuple[Requirement, ...] = (Requirement("rmse", "mean", 1.0), Requirement("rmse", "worst", 0.3))
+    limits: tuple[Requirement, ...] = within({"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0})
     penalty: float = 3.0
     latched: float = 10.0
+    tail: float = 0.1  # share of the ensemble, the worst, whose mean is the "cvar"
+    weights: Any = None  # (B,), the scenarios' shares in "mean" and "cvar"; None: equal
+
+    @property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Goals, then limits."""
+        return self.goals + self.limits
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The metrics that matter: the goal's first, then the limited ones."""
-        return (self.metric, *self.limits)
+        """The metrics that matter."""
+        return tuple(dict.fromkeys(r.metric for r in self.requirements))
+
+    @property
+    def criteria(self) -> agvjax.Criteria:
+        """How runs must be judged for these metrics to have slopes."""
+        return agvjax.Criteria(smooth=any(name.startswith("settling") for name in self.names))
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Of every requirement: row of its statistic and column of its metric in a reference."""
+        return [(STATISTICS.index(r.statistic), self.names.index(r.metric)) for r in self.requirements]
 
     def values(self, metrics: agvjax.Metrics) -> tuple[Float[Array, "M B"], Bool[Array, " B"]]:
-        """Those metrics of every scenario, and which runs are worth having."""
+        """The metrics that matter of every scenario, and which runs are worth having."""
         return jnp.stack([METRICS[name](metrics) for name in self.names]), metrics.ok
 
-    def reference(self, values: Float[Array, "M B"], ok: Bool[Array, " B"]) -> np.ndarray:
-        """Mean and worst (2, M) of the runs that did not diverge."""
-        kept = np.asarray(values)[:, np.asarray(ok)]
-        return np.stack([kept.mean(1), kept.max(1)])
+    def shares(self, scenarios: int) -> np.ndarray:
+        """Shares of the scenarios in means, of sum 1."""
+        weights = np.ones(scenarios) if self.weights is None else np.asarray(self.weights, float)
+        return weights / weights.sum()
 
-    def ratios(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Float[Array, "2 M"]:
-        """Mean and worst over the ensemble, relative to the reference."""
-        diverged = jax.lax.stop_gradient(self.latched * jnp.asarray(reference, values.dtype))
-        mean = jnp.mean(jnp.where(ok, values, diverged[0][:, None]), axis=1)
-        worst = jnp.max(jnp.where(ok, values, diverged[1][:, None]), axis=1)
-        return jnp.stack([mean, worst]) / jnp.asarray(reference, values.dtype)
+    def statistics(self, values: Float[Array, "M B"]) -> Float[Array, "3 M"]:
+        """Mean, worst and mean of the worst `tail` of every metric."""
+        shares = jnp.asarray(self.shares(values.shape[1]), values.dtype)
+        order = jnp.argsort(-values, axis=1)
+        ranked, parts = jnp.take_along_axis(values, order, 1), shares[order]
+        taken = jnp.clip(self.tail - (jnp.cumsum(parts, axis=1) - parts), 0, parts) / self.tail
+        return jnp.stack([values @ shares, jnp.max(values, axis=1), jnp.sum(taken * ranked, axis=1)])
+
+    def reference(self, values: Float[Array, "M B"], ok: Bool[Array, " B"]) -> np.ndarray:
+        """The statistics (3, M) of the runs that did not diverge.
+
+        Raises:
+            RuntimeError: every run diverges, or one of them is 0 and can be no unit of a goal or of a limit.
+        """
+        kept = np.asarray(ok)
+        if not kept.any():
+            raise RuntimeError(
+                f"every one of the {kept.size} runs diverges with the starting gains: nothing to tune from"
+            )
+        sound = self._replace(weights=self.shares(kept.size)[kept])
+        found = np.asarray(sound.statistics(jnp.asarray(values)[:, kept]))
+        for requirement, place in zip(self.requirements, self.places, strict=True):
+            if not requirement.absolute and not found[place] > 0:
+                raise RuntimeError(
+                    f"{requirement.name} is {found[place]:g} with the starting gains and cannot be their"
+                    " multiple: choose another goal, or an absolute limit"
+                )
+        return found
+
+    def units(self, reference: Any) -> np.ndarray:
+        """What each requirement's statistic is divided by: a goal's reference, a limit's bound."""
+        table = np.asarray(reference)
+        bounds = [
+            r.value if r.absolute else r.value * table[p] for r, p in zip(self.requirements, self.places, strict=True)
+        ]
+        return np.array([*(table[p] for p in self.places[: len(self.goals)]), *bounds[len(self.goals) :]])
+
+    def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Float[Array, " R"]:
+        """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
+        diverged = jnp.asarray(self.latched * np.asarray(reference)[1], values.dtype)
+        found = self.statistics(jnp.where(ok, values, diverged[:, None]))
+        rows, columns = (list(x) for x in zip(*self.places, strict=True))
+        return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(reference), values.dtype)
 
     def score(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Score:
         """Cost and what it is made of."""
-        ratios = self.ratios(values, ok, reference)
-        goal = self.mean * ratios[0, 0] + self.worst * ratios[1, 0]
-        over = ratios[:, 1:] - jnp.asarray([list(self.limits.values())], ratios.dtype)
-        excess = jnp.max(over, initial=-1.0)
+        levels = self.levels(values, ok, reference)
+        goal = jnp.dot(jnp.asarray([g.value for g in self.goals], levels.dtype), levels[: len(self.goals)])
+        over = levels[len(self.goals) :] - 1
         cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))
-        return Score(cost=cost, goal=goal, excess=excess, latched=jnp.sum(~ok))
+        return Score(cost, goal, jnp.max(over, initial=-1.0), jnp.sum(~ok), levels)

@@ -1,4 +1,4 @@
-"""What a tuning run found: the table and the figures at its end."""
+"""What a tuning run found: the tables and the figures at its end."""
 
 from __future__ import annotations
 
@@ -11,8 +11,12 @@ from matplotlib.figure import Figure
 import agvjax
 from agvjax import plot
 
-from .objective import METRICS, UNITS
-from .optimise import FEASIBLE, HISTORY
+from .analysis import Findings, Standing
+from .markdown import grid
+from .objective import METRICS, unit
+from .optimise import SEQUENTIAL
+from .rounds import COLUMNS, Outcome, Round, Run
+from .worst import statement
 
 SHOWN = ("rmse", "effort", "peak_position", "peak_heading", "chatter")
 
@@ -23,8 +27,19 @@ class Judged(NamedTuple):
     mean: dict[str, float]
     worst: dict[str, float]
     latched: int
+    unsettled: int
     size: int
     worst_index: int  # scenario with the largest error
+
+
+class Verdict(NamedTuple):
+    """Everything the report tells besides the run itself."""
+
+    before: dict[str, Judged]  # on "tuning" and "validation" scenarios
+    after: dict[str, Judged]
+    findings: Findings
+    over: list[str]  # limits that are not met, each with by how much
+    conflict: list[str]  # those that cannot be kept together
 
 
 def judge(metrics: agvjax.Metrics) -> Judged:
@@ -37,70 +52,152 @@ def judge(metrics: agvjax.Metrics) -> Judged:
         mean={name: np.inf if none else float(v.mean()) for name, v in kept.items()},
         worst={name: np.inf if none else float(v.max()) for name, v in kept.items()},
         latched=int((~ok).sum()),
+        unsettled=int((~np.asarray(metrics.settled).all(-1) & ok).sum()),
         size=ok.size,
         worst_index=int(np.argmax(values["rmse"])),
     )
 
 
-def comparison(before: Judged, after: Judged) -> str:
+def comparison(before: Judged, after: Judged, metrics: Sequence[str]) -> str:
     """Before, after and their ratio, as a Markdown table."""
-    rows = [
-        "| metric | unit | mean before | after | ratio | worst before | after | ratio |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for name in SHOWN:
-        cells = [name, UNITS[name]]
+    rows = []
+    for name in metrics:
+        cells = [name, unit(name)]
         for old, new in ((before.mean[name], after.mean[name]), (before.worst[name], after.worst[name])):
-            cells += [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**"]
-        rows.append("| " + " | ".join(cells) + " |")
-    rows.append(f"| diverged runs | of {before.size} | {before.latched} | {after.latched} | | | | |")
-    return "\n".join(rows)
-
-
-def unmet(before: Judged, after: Judged, limits: Mapping[str, float]) -> list[str]:
-    """The limits that the tuned gains exceed, each with by how much."""
-    found = []
-    for name, limit in limits.items():
-        for what, old, new in (
-            ("mean", before.mean[name], after.mean[name]),
-            ("worst", before.worst[name], after.worst[name]),
-        ):
-            if new / old > limit + FEASIBLE:
-                found.append(f"{what} {name} is {new / old:.4f} of the starting gains', limit {limit:g}")
-    return found
+            cells += [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
+        rows.append(cells)
+    for name, old, new in (
+        ("diverged runs", before.latched, after.latched),
+        ("not settled", before.unsettled, after.unsettled),
+    ):
+        rows.append([name, f"of {before.size}", old, new, "", "", "", ""])
+    return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
 
 
 def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
     """Gains before and after, with the margin to each stability condition."""
-    rows = ["| gain | before | after | must exceed | margin |", "|---|---|---|---|---|"]
     old, new = agvjax.leaves(before), agvjax.leaves(after)
+    rows = []
     for name in dict.fromkeys([*names, *stability]):
         bound = stability.get(name)
         condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{float(new[name]) - bound:.4g}"]
-        rows.append("| " + " | ".join([name, f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", *condition]) + " |")
-    return "\n".join(rows)
+        rows.append([name, f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", *condition])
+    return grid(["gain", "before", "after", "must exceed", "margin"], rows)
 
 
-def history_figure(names: Sequence[str], rows: Sequence[Sequence[float]]) -> Figure:
-    """Cost, gradient norm and gains over the iterations."""
-    table = np.array(rows)
+def standings(findings: Findings) -> str:
+    """Where every requirement stands, and by how much a gain moves it."""
+    rows = []
+    for s in findings.standings:
+        kind = "limit" if s.limit else "goal"
+        state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
+        price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
+        slopes = [f"{x:+.2f}" if abs(x) >= 0.005 else "0" for x in s.slopes]
+        rows.append(
+            [
+                s.requirement.name,
+                kind,
+                f"{s.value:.5g} {unit(s.requirement.metric)}",
+                f"{s.level:.4f}",
+                state,
+                price,
+                *slopes,
+            ]
+        )
+    return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
+
+
+def identifiability(findings: Findings) -> list[str]:
+    """What the data cannot tell, in words."""
+    names, found = findings.names, findings.identifiability
+    if len(names) < 2:
+        return []
+    weak = sorted(zip(names, found.weakest, strict=True), key=lambda pair: -abs(pair[1]))
+    mixture = ", ".join(f"{x:+.2f} {name}" for name, x in weak if abs(x) > 0.2)
+    said = [
+        f"The combination of gains felt least is ({mixture}), in relative changes:"
+        f" {found.strength[-1] / found.strength[0]:.1e} of the one felt most."
+    ]
+    said += [
+        f"{names[i]} and {names[j]} cannot be told apart: they do the same to every metric of every scenario (cosine"
+        f" {cosine:+.3f})."
+        for i, j, cosine in found.alike
+    ]
+    flat = [name for name, row in zip(names, _felt(findings), strict=True) if row < 1e-4]
+    if flat:
+        said.append(f"Not felt at all, to first order: {', '.join(flat)}.")
+    return said
+
+
+def _felt(findings: Findings) -> np.ndarray:
+    return np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
+
+
+def rounds(rows: Sequence[Round]) -> str:
+    """`[best, worst found]` of each round, for every metric."""
+    return grid(
+        ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"],
+        [[r.round, r.metric, unit(r.metric), r.best, r.worst_found] for r in rows],
+    )
+
+
+def history_figure(names: Sequence[str], run: Run) -> Figure:
+    """Cost, gradient norm and gains over the iterations of every round, of the best start."""
+    table = np.array(run.history)
     figure = Figure(figsize=(7.5, 7), layout="constrained")
     cost, norm, gain = figure.subplots(3, 1, sharex=True)
-    iteration = table[:, 0]
-    cost.plot(iteration, table[:, HISTORY.index("cost")], color="0.6", lw=1, label="cost = goal + penalty")
-    cost.plot(iteration, table[:, HISTORY.index("goal")], color="tab:blue", lw=1.3, label="goal")
-    cost.set(ylabel="relative to start")
+    lead = run.searches.index(run.lead)
+    others = sorted({(row[0], row[1]) for row in table})
+    offset = 0
+    for turn, start in others:
+        part = table[(table[:, 0] == turn) & (table[:, 1] == start)]
+        best = start == (lead if turn == run.round else 0)
+        iteration = offset + part[:, COLUMNS.index("iteration")]
+        if not best:
+            cost.plot(iteration, part[:, COLUMNS.index("cost")], color="0.85", lw=0.8, zorder=0)
+            continue
+        said = "_" if turn else ""  # one label a line, whatever the number of rounds
+        cost.plot(iteration, part[:, COLUMNS.index("cost")], color="0.6", lw=1, label=said + "cost = goal + penalty")
+        cost.plot(iteration, part[:, COLUMNS.index("goal")], color="tab:blue", lw=1.3, label=said + "goal")
+        norm.semilogy(iteration, part[:, COLUMNS.index("gradient_norm")], color="tab:orange", lw=1)
+        values = part[:, len(COLUMNS) :]
+        for k, name in enumerate(names):
+            gain.semilogy(
+                iteration, values[:, k] / table[0, len(COLUMNS) + k], color=f"C{k}", lw=1.2, label=said + name
+            )
+        if turn < run.round:
+            offset += len(part)
+    low = np.nanmin(table[:, COLUMNS.index("goal")])
+    cost.set(ylabel="relative to start", ylim=(0.98 * low, 1.05 * max(table[0, COLUMNS.index("cost")], low)))
     cost.legend(fontsize=8)
-    norm.semilogy(iteration, table[:, HISTORY.index("gradient_norm")], color="tab:orange", lw=1)
     norm.set(ylabel="gradient norm")
-    values = table[:, len(HISTORY) :]
-    for name, column in zip(names, values.T, strict=True):
-        gain.semilogy(iteration, column / column[0], lw=1.2, label=name)
     gain.set(ylabel="gain / start", xlabel="iteration")
     gain.legend(fontsize=8, ncols=4)
     for axes in (cost, norm, gain):
         axes.grid(alpha=0.3)
     return figure
+
+
+def sensitivity_figure(findings: Findings) -> Figure:
+    """By how much each gain moves each requirement."""
+    names, rows = findings.names, findings.standings
+    table = np.array([s.slopes for s in rows])
+    figure = Figure(figsize=(1.6 + 0.75 * len(names), 1.2 + 0.42 * len(rows)), layout="constrained")
+    axes = figure.add_subplot()
+    top = max(np.abs(table).max(), 1e-6)
+    axes.imshow(table, cmap="RdBu_r", vmin=-top, vmax=top, aspect="auto")
+    for (i, k), value in np.ndenumerate(table):
+        axes.text(
+            k, i, f"{value:+.2f}", ha="center", va="center", fontsize=8, color="w" if abs(value) > 0.6 * top else "k"
+        )
+    axes.set_xticks(range(len(names)), names, fontsize=9)
+    axes.set_yticks(range(len(rows)), [_label(s) for s in rows], fontsize=9)
+    axes.set_title("relative change of a requirement per relative change of a gain", fontsize=9)
+    return figure
+
+
+def _label(standing: Standing) -> str:
+    return standing.requirement.name + (" (active limit)" if standing.active else " (limit)" if standing.limit else "")
 
 
 def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: str) -> Figure:
@@ -121,44 +218,65 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     return figure
 
 
-def page(
-    config: Any,
-    names: Sequence[str],
-    tuned: Any,
-    stability: Mapping[str, float],
-    judged: Mapping[str, Mapping[str, Judged]],
-    over: Sequence[str],
-    progress: Any,
-) -> str:
+def page(outcome: Outcome, verdict: Verdict) -> str:
     """`report.md`."""
-    before, after = judged["before"], judged["after"]
-    settings = config.tune
-    met = "All limits are met on the tuning scenarios." if not over else "**Limits not met:** " + "; ".join(over) + "."
-    latched = sum(row[HISTORY.index("latched")] > 0 for row in progress.history)
-    counts = (
-        f"{progress.iteration} iterations of {settings.optimizer}, best at {progress.best_iteration}; {latched} of them"
-        f" with diverged runs, {progress.clipped} gradients clipped to norm {settings.clip:g},"
-        f" {progress.skipped} iterations skipped because the gradient was not finite."
+    posed, run, p = outcome.posed, outcome.run, outcome.progress
+    config, objective, free = posed.config, posed.tuner.objective, posed.tuner.free
+    settings, before, after = config.tune, verdict.before, verdict.after
+    shown = tuple(dict.fromkeys([*SHOWN, *objective.names]))
+    met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
+    starts = f" from {len(run.searches)} starts" if len(run.searches) > 1 else ""
+    latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
+    clipped = (
+        ""
+        if settings.optimizer == SEQUENTIAL
+        else f" {run.total('clipped')} gradients clipped to norm {settings.clip:g},"
     )
-    validation = comparison(before["validation"], after["validation"])
-    tuning = comparison(before["tuning"], after["tuning"])
+    counts = (
+        f"{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')} rollouts of the"
+        f" ensemble (a gradient counts 1 + its tangents), best at iteration {p.best_iteration}; {latched} of them with"
+        f" diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient there was of use."
+    )
+    smooth = _smooth_note(objective.names)
+    learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
+    said = "\n".join(f"* {line}" for line in statement(outcome.found))
     return f"""# Tuned gains
 
-{gains(names, config.controller, tuned, stability)}
+{gains((*free.names, *free.tied), config.controller, outcome.controller, posed.stability)}
 
-"Must exceed" are the paper's stability conditions, eqs. (48), (52), (70), for the smallest deadzone slopes that the
-ensemble can draw; they hold by construction. The gains are in `gains.toml`: `agvjax simulate --config gains.toml`.
+"Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
+deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction. The gains are in
+`gains.toml`: `agvjax simulate --config gains.toml`.
 
 ## On {after["validation"].size} validation scenarios, not seen in tuning
 
-{validation}
+{comparison(before["validation"], after["validation"], shown)}
 
 ## On the {after["tuning"].size} tuning scenarios
 
-{tuning}
+{comparison(before["tuning"], after["tuning"], shown)}
 
 {met} rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), effort the same of the commands before the deadzone; mean and worst
-are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.
+are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+
+## What each requirement hangs on
+
+{standings(verdict.findings)}
+
+Level: of a goal relative to the starting gains, of a limit relative to its bound. Price: by how much the goal would
+fall if this limit alone were relaxed by 1 %. Under each gain: relative change of the requirement per relative change
+of the gain, at the tuned gains.
+
+{learned}
+
+## The worst case
+
+{said}
+
+{rounds(outcome.rounds)}
+
+The box holds every value that the ensemble can draw{_cut(posed)}; "worst in the ensemble" includes scenarios that
+earlier rounds added.
 
 ## How it went
 
@@ -166,7 +284,32 @@ are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g
 
 ![cost and gains](history.png)
 
+![sensitivities](sensitivity.png)
+
 ![nominal](nominal.png)
 
 ![worst](worst.png)
 """
+
+
+def _unmet(verdict: Verdict) -> str:
+    text = "**Limits not met:** " + "; ".join(verdict.over) + "."
+    return text + (" " + " ".join(verdict.conflict) if verdict.conflict else "")
+
+
+def _smooth_note(names: Sequence[str]) -> str:
+    if not any(name.startswith("settling") for name in names):
+        return ""
+    return (
+        " A settling time jumps where the error touches its band once more: its value is the true one (the horizon for"
+        " a run that has not settled), its slope that of a smooth stand-in."
+    )
+
+
+def _cut(posed: Any) -> str:
+    endless = [
+        n
+        for n, d in posed.config.ensemble.draws.items()
+        if not all(np.all(np.isfinite(d.quantile(s, 1.0))) for s in (0.0, 1.0))
+    ]
+    return f", but for the outermost 0.1 % of {', '.join(endless)}" if endless else ""

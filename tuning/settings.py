@@ -9,20 +9,22 @@ from typing import Any
 import numpy as np
 
 import agvjax
-from agvjax._pytree import NONNEGATIVE, POSITIVE, Rule, number
+from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
 from agvjax.simulate import DT, N_STEPS
 
-from .ensemble import Draw, default_draws
-from .objective import METRICS, Objective
-from .optimise import SEQUENTIAL, Tuner, find_optimizer
+from .ensemble import Draw, box, default_draws
+from .first_order import find_optimizer
+from .objective import METRICS, STATISTICS, Objective
+from .optimise import SEQUENTIAL, Tuner
+from .worst import Adversary
 
 VERSION = 1  # of the file format
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
 WHOLE = Rule("a whole number from 0 to 2^53", lambda x: (x >= 0) & (x <= 2**53) & (x == np.round(x)))
 MOST_STEPS = 1e8
-_GOAL = Objective()  # the defaults of the tuning problem live there, those of its solution in Tuner
+_GOAL = Objective()  # the defaults of the tuning problem live there, those of its solution in Tuner and Adversary
 CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
-CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "tune.goal.metric": tuple(METRICS)}
+CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "pareto.metric": tuple(METRICS)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,16 +44,49 @@ class Ensemble:
 
     size: int = number(64, "1", COUNT)
     validation_size: int = number(256, "1", COUNT)
+    fresh: bool = False  # tune on scenarios drawn anew every iteration; judge, and rank, on a fixed set all the same
     draws: dict[str, Draw] = dataclasses.field(default_factory=default_draws)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Goal:
-    """Minimise the mean and the worst of a metric, each relative to the starting gains'."""
+class Weights:
+    """How much the statistics of a metric, each relative to the starting gains', weigh in the goal."""
 
-    metric: str = _GOAL.metric
-    mean: float = number(_GOAL.mean, "1", NONNEGATIVE)
-    worst: float = number(_GOAL.worst, "1", NONNEGATIVE)
+    mean: float = number(0.0, "1", NONNEGATIVE)
+    worst: float = number(0.0, "1", NONNEGATIVE)
+    cvar: float = number(0.0, "1", NONNEGATIVE)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Limit:
+    """What the statistics of a metric must not exceed, in multiples of the starting gains' or absolute."""
+
+    mean: float = np.inf
+    worst: float = np.inf
+    cvar: float = np.inf
+    absolute: bool = False
+
+
+def default_goals() -> dict[str, Weights]:
+    """The default problem's."""
+    return {r.metric: Weights(**{g.statistic: g.value for g in _GOAL.goals}) for r in _GOAL.goals[:1]}
+
+
+def default_limits() -> dict[str, Limit]:
+    """The default problem's."""
+    return {r.metric: Limit(mean=r.value, worst=r.value) for r in _GOAL.limits}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Search:
+    """The search for the worst scenario, after tuning and between the rounds of it."""
+
+    rounds: int = number(0, "1", WHOLE)  # of tuning again with what was found; 0: search once and say what was found
+    starts: int = number(Adversary.starts, "per metric", COUNT)
+    iterations: int = number(Adversary.iterations, "1", COUNT)
+    scouts: int = number(Adversary.scouts, "samples to start from", COUNT)
+    checks: int = number(Adversary.checks, "samples besides", WHOLE)
+    tolerance: float = number(5e-3, "1", NONNEGATIVE)  # a scenario this much worse than any tuned on is worth a round
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,9 +94,14 @@ class Tune:
     """The tuning problem and how to solve it; its step is coarser than that of the validation."""
 
     gains: tuple[str, ...] = ()  # none: those that the law itself names
+    tied: dict[str, str] = dataclasses.field(default_factory=dict)
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    goal: Goal = Goal()
-    limits: dict[str, float] = dataclasses.field(default_factory=lambda: dict(_GOAL.limits))
+    choices: dict[str, list[Any]] = dataclasses.field(default_factory=dict)
+    goals: dict[str, Weights] = dataclasses.field(default_factory=default_goals)
+    limits: dict[str, Limit] = dataclasses.field(default_factory=default_limits)
+    tail: float = number(_GOAL.tail, "share of the ensemble", FRACTION)
+    stability_margin: float = number(1.0, "times what the stability conditions ask", POSITIVE)
+    sample_rate: float = number(0.0, "Hz, 0 for 1 / dt", NONNEGATIVE)
     penalty: float = number(_GOAL.penalty, "1", NONNEGATIVE)
     dt: float = number(Tuner.dt, "s", POSITIVE)
     integrator: str = "rk4"
@@ -72,7 +112,20 @@ class Tune:
     iterations: int = number(Tuner.iterations, "1", COUNT)
     patience: int = number(Tuner.patience, "iterations", COUNT)
     clip: float = number(Tuner.clip, "norm of the gradient", POSITIVE)
+    starts: int = number(1, "1", COUNT)
+    spread: float = number(3.0, "times, either way", POSITIVE)  # of the gains of further starts about the configured
     checkpoint_every: int = number(10, "iterations", COUNT)
+    search: Search = Search()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pareto:
+    """The front of the goal against one limit, in multiples of the starting gains'."""
+
+    metric: str = "effort"
+    low: float = number(0.8, "times", POSITIVE)
+    high: float = number(1.5, "times", POSITIVE)
+    points: int = number(8, "1", COUNT)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -87,6 +140,7 @@ class Config:
     simulate: Simulate = Simulate()
     ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
     tune: Tune = dataclasses.field(default_factory=Tune)
+    pareto: Pareto = Pareto()
 
 
 def steps_of(horizon: float, dt: float) -> int:
@@ -144,11 +198,7 @@ def _names(config: Config) -> list[agvjax.Problem]:
     for name, pair in tune.bounds.items():
         if name not in tune.gains:
             found.append(agvjax.Problem(f"tune.bounds.{name}", list(pair), "of a tuned gain, one of tune.gains"))
-    for name, limit in tune.limits.items():
-        if not limit > 0:
-            found.append(
-                agvjax.Problem(f"tune.limits.{name}", limit, "> 0, a ratio to the starting gains; inf for none")
-            )
+    found += _tied(tune, gains) + _requirements(tune)
     for name in config.ensemble.draws:
         if name not in leaves:
             near = difflib.get_close_matches(name, leaves, 1, 0.5)
@@ -156,6 +206,12 @@ def _names(config: Config) -> list[agvjax.Problem]:
             found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
     if not config.ensemble.draws:
         found.append(agvjax.Problem("ensemble.draws", "{}", "at least one leaf of the scenario"))
+    if config.pareto.low > config.pareto.high:
+        found.append(agvjax.Problem("pareto.low", config.pareto.low, f"at most pareto.high, {config.pareto.high:g}"))
+    if config.ensemble.fresh and tune.search.rounds:
+        found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, "0 where ensemble.fresh is true"))
+    if tune.choices and tune.search.rounds:
+        found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, "0 where tune.choices are given"))
     if tune.optimizer == SEQUENTIAL:
         if tune.gradient == "reverse":
             found.append(
@@ -163,6 +219,9 @@ def _names(config: Config) -> list[agvjax.Problem]:
             )
         if tune.options:
             found.append(agvjax.Problem("tune.options", dict(tune.options), f"empty: {SEQUENTIAL} has none"))
+        if config.ensemble.fresh:
+            rule = f"false: {SEQUENTIAL} needs the same scenarios every iteration; an optimiser of optax does not"
+            found.append(agvjax.Problem("ensemble.fresh", "true", rule))
         return found
     try:
         find_optimizer(tune.optimizer)(1.0, **tune.options)
@@ -172,11 +231,37 @@ def _names(config: Config) -> list[agvjax.Problem]:
     return found
 
 
+def _tied(tune: Tune, gains: Any) -> list[agvjax.Problem]:
+    """Gains tied to what is not tuned, or tuned themselves."""
+    found = []
+    for name, which in tune.tied.items():
+        if name not in gains or name in tune.gains or np.ndim(gains.get(name, 0.0)):
+            found.append(agvjax.Problem(f"tune.tied.{name}", which, "under a single gain of the law that is not tuned"))
+        elif which not in tune.gains or not float(gains[which]) > 0 or not float(gains[name]) > 0:
+            rule = "the name of a tuned gain, both > 0: the ratio they start with is kept"
+            found.append(agvjax.Problem(f"tune.tied.{name}", which, rule))
+    return found
+
+
+def _requirements(tune: Tune) -> list[agvjax.Problem]:
+    """Goals that ask nothing, and limits that nothing can keep."""
+    found = []
+    if not any(weight > 0 for weights in tune.goals.values() for weight in vars(weights).values()):
+        found.append(agvjax.Problem("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
+    for name, limit in tune.limits.items():
+        for statistic in STATISTICS:
+            value = getattr(limit, statistic)
+            if not value > 0:
+                rule = "> 0, a ratio to the starting gains or with absolute = true the value itself; inf for none"
+                found.append(agvjax.Problem(f"tune.limits.{name}.{statistic}", value, rule))
+    return found
+
+
 def _boxes(config: Config) -> list[agvjax.Problem]:
     """Draws that can draw what their leaf may not hold, and gains that are no single number."""
     found, scenario = [], config.scenario
     for name, draw in config.ensemble.draws.items():
-        for end in draw.box(np.asarray(agvjax.leaves(scenario)[name], float)):
+        for end in box(draw, np.asarray(agvjax.leaves(scenario)[name], float)):
             bad = agvjax.problems(agvjax.replace(scenario, {name: end}))
             found += [p._replace(key=f"ensemble.draws.{p.key}") for p in bad if p.key == name]
     for name in config.tune.gains:

@@ -6,6 +6,7 @@ import hashlib
 import importlib.metadata
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from jax import export
 import agvjax
 
 from . import runs
+
+_POOL = ThreadPoolExecutor(2)  # compilers run without Python's lock
 
 
 def folder() -> Path:
@@ -30,17 +33,17 @@ def keep_compiled() -> None:
 
 
 def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callable[..., Any]:
-    """`function` jitted, its trace taken from disk if the same code traced it before for the same settings.
+    """`function` compiled, its trace taken from disk if the same code traced it before for the same settings.
 
     Args:
-        function: what to jit; its result must depend on its arguments and on `settings` alone.
+        function: what to compile; its result must depend on its arguments and on `settings` alone.
         settings: all that shapes the trace besides the code and the versions of the libraries.
         example: arguments of the right shapes and dtypes.
     """
     path = folder() / "traces" / f"{_key(settings)}.bin"
     if path.exists():
         try:
-            return _committed(export.deserialize(bytearray(path.read_bytes())))
+            return _committed(export.deserialize(bytearray(path.read_bytes())), example)
         except Exception:  # damaged, or of a build that only looks the same: trace again
             path.unlink(missing_ok=True)
     module = export.export(jax.jit(function))(*example)
@@ -49,14 +52,38 @@ def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callab
         runs.write(path, bytes(module.serialize()))
     except OSError:  # no place to keep it: the next start traces again
         pass
-    return _committed(module)
+    return _committed(module, example)
 
 
-def _committed(module: export.Exported) -> Callable[..., Any]:
-    """What was exported for several devices needs its arguments on all of them; what comes back is on the first."""
-    call, devices = jax.jit(module.call), jax.local_devices()[: module.nr_devices]
+class Ahead:
+    """A function that is being made ready in the background; whoever calls it first waits for it."""
+
+    def __init__(self, function: Callable[..., Any], settings: str, *example: Any, after: Ahead | None = None):
+        """As `traced`; `after` goes first, undisturbed."""
+
+        def make() -> Callable[..., Any]:
+            if after is not None:
+                after.made.result()
+            return traced(function, settings, *example)
+
+        self.made = _POOL.submit(make)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What the function returns."""
+        return self.made.result()(*arguments)
+
+
+def meanwhile(function: Callable[..., Any], *arguments: Any) -> None:
+    """Call a function in the background after all that, for the sake of what it compiles."""
+    _POOL.submit(function, *arguments)
+
+
+def _committed(module: export.Exported, example: tuple[Any, ...]) -> Callable[..., Any]:
+    """Compiled. What was exported for several devices needs its arguments on all; what comes back is on the first."""
+    devices = jax.local_devices()[: module.nr_devices]
     mesh = jax.sharding.Mesh(np.array(devices), ("scenarios",))
     everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
+    call = jax.jit(module.call).lower(*jax.device_put(example, everywhere)).compile()
     return lambda *arguments: jax.device_put(call(*jax.device_put(arguments, everywhere)), devices[0])
 
 

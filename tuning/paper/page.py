@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markdown_it import MarkdownIt
 
 from agvjax.bounds import VACUOUS
 
+from ..markdown import grid
 from . import cases, tables
 from .cases import LABELS
 from .figures import CAPTIONS
@@ -67,13 +63,6 @@ def _bounds(found: Any) -> dict[str, Any]:
             "violated": (ratios < 1).sum(0).tolist(),
         }
     return rows
-
-
-def grid(header: Sequence[str], lines: Sequence[Sequence[Any]]) -> str:
-    """A Markdown table."""
-    text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in lines]
-    rows = ["| " + " | ".join(line) + " |" for line in (list(header), *text)]
-    return "\n".join([rows[0], "|" + "---|" * len(header), *rows[1:]])
 
 
 def image(name: str) -> str:
@@ -362,29 +351,3 @@ Order 0.8 in place of 1; RMSE against the paper's law: {relative(found, "fractio
 `tables.json`: controller -> channel -> metric -> ours, paper, verdict, why; and every fact above. `table1.csv`,
 `table2.csv`, `extras.csv`, the same tables as Markdown, `config.toml`.
 """
-
-
-def html(text: str, folder: Path, title: str = "Does the paper hold?") -> str:
-    """One self-contained page: the Markdown with its figures inside."""
-    body = MarkdownIt("commonmark").enable("table").render(text)
-
-    def inside(match: Any) -> str:
-        picture = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
-        return f'src="data:image/png;base64,{picture}"'
-
-    body = re.sub(r'src="([\w.]+\.png)"', inside, body)
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head>
-<body>
-{body}</body></html>
-"""
-
-
-STYLE = (
-    "body{font:15px/1.5 Georgia,serif;max-width:62em;margin:2em auto;padding:0 1em;color:#111}"
-    "h1,h2,h3{line-height:1.2;margin-top:1.6em}"
-    "table{border-collapse:collapse;font:13px/1.35 sans-serif;margin:1em 0;display:block;overflow-x:auto}"
-    "th,td{border-bottom:1px solid #ccc;padding:.25em .6em;text-align:left;vertical-align:top}"
-    "th{border-bottom:2px solid #555}"
-    "img{max-width:100%;height:auto;display:block;margin:.5em auto}code{background:#f2f2f2;padding:0 .2em}"
-)

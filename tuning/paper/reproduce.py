@@ -17,6 +17,7 @@ from agvjax.leaves import cast
 
 from .. import runs
 from ..ensemble import sample
+from ..markdown import html
 from ..settings import Config, steps_of
 from . import cases, facts, figures, page, tables
 
@@ -131,7 +132,7 @@ def write(found: Reproduction, out: Path, command: str, pdf: bool, progress: Cal
     runs.write_json(out / "tables.json", content)
     text = page.markdown(found, command)
     runs.write(out / "report.md", text)
-    runs.write(out / "report.html", page.html(text, out))
+    runs.write(out / "report.html", html(text, out, "Does the paper hold?"))
     progress("report")
     return content
 

@@ -1,0 +1,189 @@
+"""The search for the worst scenario, the ensembles it searches in, and the loop that tunes again with what it found."""
+
+import types
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import agvjax
+from agvjax import Scenario
+from tuning import (
+    Between,
+    Config,
+    Distribution,
+    Ensemble,
+    Objective,
+    OneOf,
+    Requirement,
+    Search,
+    Simulate,
+    Times,
+    Tune,
+    pose,
+    sample,
+    solve,
+)
+from tuning.ensemble import box
+from tuning.worst import Adversary, Box, batch_of, statement
+
+
+@pytest.fixture(autouse=True, scope="module")
+def promotion_as_optax_has_it():
+    """As in test_tuning.py."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+# ------------------------------------------------------------------------------------------------------ distributions
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [("norm", {"loc": 2.0, "scale": 0.1}), ("beta", {"a": 2.0, "b": 5.0}), ("lognorm", {"s": 0.5, "scale": 0.3})],
+)
+def test_any_distribution_of_scipy_can_be_drawn(name, parameters):
+    draws = {"deadzone.position.slope_left": Distribution(name, parameters)}
+    drawn = np.asarray(sample(Scenario(), draws, 2000, 0).values["deadzone.position.slope_left"])
+    assert stats.kstest(drawn, getattr(stats, name)(**parameters).cdf).pvalue > 1e-3
+    times = {"deadzone.position.slope_left": Distribution(name, parameters, times=True)}
+    np.testing.assert_allclose(
+        np.asarray(sample(Scenario(), times, 2000, 0).values["deadzone.position.slope_left"]), 0.8 * drawn, rtol=1e-14
+    )
+
+
+def test_a_distribution_that_is_none_is_refused():
+    for name, parameters in (("norn", {}), ("poisson", {"mu": 1.0}), ("norm", {"mu": 1.0}), ("norm", {"scale": -1.0})):
+        with pytest.raises(ValueError):
+            Distribution(name, parameters).quantile(np.array(0.5), 1.0)
+
+
+def test_one_of_some_values_is_drawn_as_often_as_the_others():
+    drawn = np.asarray(sample(Scenario(), {"start.heading": OneOf((0.3, -0.1, 0.2))}, 3000, 0).values["start.heading"])
+    assert sorted(set(drawn)) == [-0.1, 0.2, 0.3]
+    assert stats.chisquare([np.sum(drawn == v) for v in (-0.1, 0.2, 0.3)]).pvalue > 1e-3
+
+
+def test_the_box_of_an_endless_distribution_leaves_out_a_thousandth_on_either_side():
+    low, high = box(Distribution("norm", {}), np.array(0.0))
+    np.testing.assert_allclose([low, high], stats.norm.ppf([1e-3, 1 - 1e-3]), rtol=1e-12)
+    low, high = box(Distribution("expon", {}), np.array(0.0))
+    np.testing.assert_allclose([low, high], [0.0, -np.log(1e-3)], rtol=1e-12)
+    assert box(Times(0.5, 1.5), np.array([2.0, 4.0]))[1].tolist() == [3.0, 6.0]
+
+
+def test_another_part_is_drawn_anew():
+    draws = {"start.heading": Between(0.0, 1.0)}
+    first, second = (np.asarray(sample(Scenario(), draws, 64, 0, part).values["start.heading"]) for part in (0, 1))
+    assert not np.intersect1d(first, second).size
+
+
+# ------------------------------------------------------------------------------------------------------------- search
+
+DRAWS = {"start.position": Between(-1.0, 1.0), "start.heading": Between(0.0, 2.0), "path.amplitude": OneOf((1.0, 2.0))}
+
+
+def hand_made(value, **changed):
+    """An adversary of a loop whose metric is a function of the scenario's leaves."""
+
+    def values(z, leaves):
+        v = value(
+            leaves["start.position"][:, 0],
+            leaves["start.position"][:, 1],
+            leaves["start.heading"],
+            leaves["path.amplitude"],
+        )
+        return v[None], jnp.isfinite(v)
+
+    tuner = types.SimpleNamespace(values=values, objective=Objective((Requirement("rmse", "worst", 1.0),), ()))
+    return Adversary(tuner=tuner, scenario=Scenario(), draws=DRAWS, metrics=("rmse",), **{"checks": 0} | changed)
+
+
+def test_a_corner_and_a_fold_are_found():
+    # largest at x = 1, y = -1, heading .7 (a fold), amplitude 2
+    worst = hand_made(lambda x, y, h, a: x - 0.5 * y - jnp.abs(h - 0.7) + a)
+    (found,) = worst.search(jnp.zeros(1))
+    np.testing.assert_allclose(found.value, 3.5, atol=2e-3)
+    np.testing.assert_allclose(found.scenario["start.position"], [1.0, -1.0], atol=1e-9)
+    np.testing.assert_allclose(found.scenario["start.heading"], 0.7, atol=2e-3)
+    assert found.scenario["path.amplitude"] == 2.0  # one of the values allowed, not between them
+    assert found.rollouts <= 1000
+
+
+def test_an_inner_maximum_is_found():
+    worst = hand_made(
+        lambda x, y, h, a: -((x - 0.3) ** 2) - 20 * (y + 0.2 - 0.5 * x) ** 2 - (h - 1.5) ** 2, iterations=60
+    )
+    (found,) = worst.search(jnp.zeros(1))
+    np.testing.assert_allclose(found.value, 0.0, atol=2e-3)
+
+
+def test_a_scenario_that_diverges_is_the_worst():
+    worst = hand_made(lambda x, y, h, a: jnp.where(x > 0.9, jnp.inf, x))
+    (found,) = worst.search(jnp.zeros(1))
+    assert np.isinf(found.value) and found.scenario["start.position"][0] > 0.9
+    assert statement([found]) == ["A scenario in this box was found that diverges (rmse)."]
+
+
+def test_a_sample_that_is_worse_than_what_the_ascent_found_counts():
+    # a spike that no slope leads to
+    spike = hand_made(lambda x, y, h, a: jnp.where((jnp.abs(x) < 0.05), 5.0, 0.0) + 0 * y, checks=2000, scouts=4)
+    (found,) = spike.search(jnp.zeros(1))
+    assert found.value == 5.0 and abs(found.scenario["start.position"][0]) < 0.05
+    assert "rmse above 5, by 3 searches and 2004 samples" in statement([found])[0]
+
+
+def test_shares_of_the_box_lead_back():
+    found = Box.of(Scenario(), DRAWS)
+    drawn = {n: np.asarray(v) for n, v in sample(Scenario(), DRAWS, 5, 0).values.items()}
+    back = found.leaves(jnp.asarray(found.shares(drawn)))
+    for name, value in drawn.items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-14, atol=1e-14, err_msg=name)
+    assert found.low.tolist() == [1.0, 0.0, -1.0, -1.0] and found.moves.tolist() == [False, True, True, True]
+
+
+def test_places_that_are_not_taken_hold_copies():
+    batch = agvjax.batch(Scenario(), {"start.heading": np.array([0.1, 0.2])})
+    full = batch_of(batch, {"start.heading": np.array([0.9])}, 3)
+    np.testing.assert_array_equal(full.values["start.heading"], [0.1, 0.2, 0.9, 0.1, 0.1])
+
+
+# ---------------------------------------------------------------------------------------------------------- the loop
+
+SMALL = Simulate(horizon=2.0, dt=5e-3, integrator="euler")
+
+
+def small(**tune):
+    """A problem that is solved in seconds."""
+    draws = {"start.heading": Between(-0.5, 1.0), "deadzone.heading.slope_right": Times(0.5, 1.5)}
+    search = Search(rounds=2, scouts=16, checks=0, starts=2, iterations=8)
+    settings = {"gains": ("k3", "Lam_psi"), "dt": 5e-3, "integrator": "euler", "iterations": 12, "search": search}
+    return Config(simulate=SMALL, ensemble=Ensemble(size=4, draws=draws), tune=Tune(**(settings | tune)))
+
+
+@pytest.fixture(scope="module")
+def solved():
+    return solve(pose(small()))
+
+
+def test_what_was_found_is_tuned_on_until_none_is_worse(solved):
+    rounds = [r for r in solved.rounds if r.metric == "rmse"]
+    assert rounds[0].worst_found > 1.005 * rounds[0].best  # four samples do not hold the worst of the box
+    assert len(rounds) > 1 and rounds[-1].worst_found <= 1.005 * rounds[-1].best
+    assert solved.run.added["start.heading"].size >= 1
+    assert solved.posed.tuner.batch.size == pose(small()).tuner.batch.size  # nothing is compiled anew
+
+
+def test_the_worst_after_the_loop_is_no_worse_than_without_it(solved):
+    before = solve(pose(small(search=Search(rounds=0, scouts=16, checks=0, starts=2, iterations=8))))
+    worst = {f.metric: f.value for f in before.found}["rmse"]
+    assert {f.metric: f.value for f in solved.found}["rmse"] <= 1.01 * worst
+
+
+def test_what_was_added_counts_in_no_mean(solved):
+    tuner = solved.posed.tuner
+    values, ok = (np.asarray(x) for x in tuner.push(solved.progress.best_z, tuner.scenarios)[:2])
+    levels = np.asarray(tuner.objective.levels(jnp.asarray(values), jnp.asarray(ok), tuner.reference))
+    np.testing.assert_allclose(levels[0], values[0, :4].mean() / tuner.reference[0, 0], rtol=1e-12)

@@ -1,0 +1,1 @@
+"""What each command of `agvjax` does, from parsed arguments to a run folder."""

@@ -1,0 +1,141 @@
+"""What the commands share: settings, run folders, messages, interruptions."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import agvjax
+from agvjax import InputError
+
+from .. import config as configuration
+from .. import runs, startup
+from ..optimise import SEQUENTIAL, mode
+from ..settings import Config, steps_of
+
+
+class RunFailed(Exception):
+    """The input was good and the run was not."""
+
+
+def ticker(bar: Any) -> Any:
+    """Progress by name: one part done, and which."""
+
+    def tick(name: str) -> None:
+        bar.set_postfix_str(name, refresh=False)
+        bar.update()
+
+    return tick
+
+
+def overrides(arguments: argparse.Namespace) -> list[str]:
+    """Settings from the command line as `key=value`."""
+    given = list(arguments.set)
+    given += [] if arguments.seed is None else [f"seed={arguments.seed}"]
+    return given + ([] if arguments.precision is None else [f"precision={arguments.precision}"])
+
+
+def configure(arguments: argparse.Namespace) -> Config:
+    """Settings from files and options, JAX made ready for them."""
+    config = configuration.load(arguments.config, overrides(arguments), arguments.command)
+    jax.config.update("jax_enable_x64", config.precision == 64)
+    startup.keep_compiled()
+    way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
+    said = agvjax.tune_xla(reverse=arguments.command == "tune" and way == "reverse")
+    if not said.startswith("fast"):
+        say(arguments, f"note: {said}")
+    return config
+
+
+def warn(arguments: argparse.Namespace, config: Config, *sections: str) -> None:
+    """Say of a step that is allowed and not advisable."""
+    for name in sections:
+        section = getattr(config, name)
+        for note in agvjax.step_warnings(config.controller, section.dt, agvjax.INTEGRATORS[section.integrator]):
+            say(arguments, f"note: {name}.{note}")
+
+
+def say(arguments: argparse.Namespace, *lines: str) -> None:
+    """Print, unless told to be quiet."""
+    if not arguments.quiet:
+        print(*lines, sep="\n", flush=True)
+
+
+def new_folder(arguments: argparse.Namespace) -> Path:
+    """The folder to write to, which must be new or empty."""
+    name = arguments.out or f"runs/{arguments.command}-{time.strftime('%Y%m%d-%H%M%S')}"
+    out = Path(name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        taken = any(out.iterdir())
+        if not taken:
+            runs.write(out / "config.toml", "")
+    except (OSError, ValueError) as error:
+        raise InputError([agvjax.Problem("--out", name, f"a folder that can be written ({error})")]) from error
+    if taken:
+        rule = "a new or empty folder: this one is not empty; choose another"
+        rule += ", or add --resume to go on with the run in it" if arguments.command == "tune" else ""
+        raise InputError([agvjax.Problem("--out", name, rule)])
+    return out
+
+
+def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
+    """The folder of the run to go on with; its settings must be these."""
+    out = Path(arguments.out or os.devnull)
+    try:
+        before = (out / "config.toml").read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError([agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]) from error
+    old, new = before.splitlines(), configuration.dump(config).splitlines()
+    if old and old != new:
+        changed = [f"was `{line}`" for line in old if line not in new] + [
+            f"is `{line}`" for line in new if line not in old
+        ]
+        rule = f"the run that these settings began; changed: {'; '.join(changed)}"
+        raise InputError([agvjax.Problem("--resume", str(out), rule)])
+    return out
+
+
+def trajectory_of(config: Config, controller: Any, scenario: Any) -> agvjax.Trajectory:
+    """A run with the timing of `simulate`."""
+    timing = config.simulate
+    return agvjax.simulate(
+        controller,
+        scenario,
+        dt=timing.dt,
+        n_steps=steps_of(timing.horizon, timing.dt),
+        save_every=timing.save_every,
+        control_every=timing.control_every,
+        integrator=agvjax.INTEGRATORS[timing.integrator],
+    )
+
+
+@contextlib.contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """The interrupts that came: compiled code that is calling back into Python may swallow the exception itself."""
+    came: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note) if threading.current_thread() is threading.main_thread() else None
+    try:
+        yield came
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
+
+
+def as_arrays(tree: Any) -> Any:
+    """Leaves as arrays of one kind, so that gains before and after, nominal and drawn scenes share a compilation."""
+    return agvjax.check(tree)

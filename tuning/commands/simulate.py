@@ -1,0 +1,72 @@
+"""`agvjax simulate`: one vehicle, rolled out."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+
+import agvjax
+from agvjax import plot
+
+from .. import config as configuration
+from .. import runs
+from .common import RunFailed, configure, new_folder, say, trajectory_of, warn
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
+    config = configure(arguments)
+    out = new_folder(arguments)
+    warn(arguments, config, "simulate")
+    trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
+    metrics = agvjax.measure(trajectory)
+    fields = ("t", "position", "velocity", "heading", "reference_position", "reference_heading", "command", "delivered")
+    arrays = {name: getattr(trajectory, name) for name in fields}
+    if trajectory.weight_norm is not None:
+        arrays["weight_norm"] = trajectory.weight_norm
+    runs.write(out / "config.toml", configuration.dump(config))
+    runs.write_npz(out / "trajectory.npz", arrays)
+    runs.write_json(out / "metrics.json", _spoken(metrics))
+    drawn = {"run": trajectory}
+    for name, figure in (
+        ("path", plot.path(drawn)),
+        ("errors", plot.errors(drawn)),
+        ("commands", plot.commands(drawn)),
+    ):
+        runs.write_figure(out / f"{name}.png", figure)
+    say(arguments, _metrics_table(metrics), f"written to {out}")
+    if not trajectory.ok:
+        raise RunFailed(
+            f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
+        )
+    return 0
+
+
+def _spoken(metrics: agvjax.Metrics) -> dict[str, Any]:
+    """Metrics for `metrics.json`: a channel that has not settled says so and gives no number."""
+    spoken: dict[str, Any] = {"ok": bool(metrics.ok)}
+    for field in dataclasses.fields(metrics):
+        if field.name in ("ok", "settled", "settling_smooth"):
+            continue
+        values = np.asarray(getattr(metrics, field.name)).tolist()
+        if field.name == "settling_time":
+            values = [
+                v if s else "not settled" for v, s in zip(values, np.asarray(metrics.settled).tolist(), strict=True)
+            ]
+        spoken[field.name] = dict(zip(plot.CHANNELS, values, strict=True))
+    names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
+    return spoken | {name: float(getattr(metrics, name)) for name in names}
+
+
+def _metrics_table(metrics: agvjax.Metrics) -> str:
+    spoken = _spoken(metrics)
+    rows = ["| metric | x | y | heading |", "|---|---|---|---|"]
+    for name, values in spoken.items():
+        if isinstance(values, dict):
+            cells = [v if isinstance(v, str) else f"{v:.5g}" for v in values.values()]
+            rows.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(rows)

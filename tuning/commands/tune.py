@@ -1,0 +1,282 @@
+"""`agvjax tune`: gains for an ensemble, a report on them, and every step on disk."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import agvjax
+from agvjax import InputError
+
+from .. import analysis, report, runs, startup
+from .. import config as configuration
+from ..ensemble import sample
+from ..markdown import grid, html
+from ..optimise import TOLERANCE
+from ..problem import Posed, pose
+from ..rounds import Outcome, Run, begin, solve
+from ..settings import Config, steps_of
+from .common import (
+    RunFailed,
+    as_arrays,
+    configure,
+    interrupts,
+    new_folder,
+    overrides,
+    same_folder,
+    say,
+    trajectory_of,
+    warn,
+)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
+    config = configure(arguments)
+    if config.tune.choices:
+        return _choose(arguments, config)
+    posed = pose(config)
+    out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+    begun = _begun(posed, out)
+    warn(arguments, config, "tune", "simulate")
+    found = _tune(arguments, posed, begun, out)[1]
+    if found.over:
+        raise RunFailed(" ".join(["limits not met:", "; ".join(found.over) + ".", *found.conflict]))
+    return 0
+
+
+def _begun(posed: Posed, out: Path) -> Run:
+    """Where to begin: at the start, or at the checkpoint of an earlier run."""
+    run = begin(posed)
+    if (out / runs.CHECKPOINT).exists():
+        try:
+            run = runs.load(out, run)
+        except ValueError as error:
+            raise InputError(
+                [agvjax.Problem("--resume", str(out), f"a run with a whole checkpoint ({error})")]
+            ) from error
+    return run
+
+
+def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) -> tuple[Outcome, report.Verdict]:
+    """One problem, from its configuration on disk to its report."""
+    runs.write(out / "config.toml", configuration.dump(posed.config))
+    try:
+        outcome = _solve(arguments, compiled(posed), begun, out)
+    except RuntimeError as error:
+        raise RunFailed(str(error)) from error
+    say(arguments, "judging on tuning and validation scenarios ...")
+    return outcome, _conclude(arguments, outcome, out)
+
+
+def _choose(arguments: argparse.Namespace, config: Config) -> int:
+    """Every combination of the choices, tuned in a folder of its own to the reference of the first."""
+    keys, lists = list(config.tune.choices), list(config.tune.choices.values())
+    combinations = [dict(zip(keys, values, strict=True)) for values in itertools.product(*lists)]
+    configs = []
+    for more in combinations:
+        variant = configuration.load(arguments.config, overrides(arguments), "tune", more)
+        configs.append(dataclasses.replace(variant, tune=dataclasses.replace(variant.tune, choices={})))
+    problems = [pose(variant) for variant in configs]
+    out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+    runs.write(out / "config.toml", configuration.dump(config))
+    rows, best, budget = [], None, None
+    for i, (more, posed) in enumerate(zip(combinations, problems, strict=True)):
+        folder = out / f"choice-{i}"
+        folder.mkdir(exist_ok=True)
+        label = ", ".join(f"{key} = {value}" for key, value in more.items())
+        say(arguments, f"choice {i + 1} of {len(combinations)}: {label}")
+        posed = posed.to(budget)
+        outcome, found = _tune(arguments, posed, _begun(posed, folder), folder)
+        budget = outcome.posed.tuner.reference if budget is None else budget
+        rank = outcome.progress.best
+        rows.append(
+            [
+                folder.name,
+                label,
+                rank[1],
+                "yes" if not found.over else "no",
+                *outcome.posed.tuner.gains(outcome.progress.best_z),
+            ]
+        )
+        if best is None or rank < best[0]:
+            best = (rank, folder, found.over)
+    assert best is not None
+    names = problems[0].tuner.free.names
+    same = all(p.tuner.free.names == names for p in problems)
+    text = grid(
+        ["folder", "choice", "goal", "limits met", *(names if same else [])], [row if same else row[:4] for row in rows]
+    )
+    text = (
+        f"# Choices\n\n{text}\n\nGoals and limits are multiples of what the first starts with. Best: {best[1].name}.\n"
+    )
+    runs.write(out / "choices.md", text)
+    runs.write(out / "gains.toml", (best[1] / "gains.toml").read_bytes())
+    say(arguments, text, f"gains of {best[1].name} and this table written to {out}")
+    if best[2]:
+        raise RunFailed("; ".join(best[2]))
+    return 0
+
+
+def compiled(posed: Posed) -> Posed:
+    """The problem with all that it will call made ready in the background, from disk where it was made ready before."""
+    config, tuner, push = posed.config, posed.tuner, None
+    settings, z = configuration.dump(dataclasses.replace(config, seed=0)), tuner.free.coordinates(config.controller)
+    if tuner.forward:
+        push = startup.Ahead(tuner.jacobian, settings, z, tuner.scenarios)
+        tuner = dataclasses.replace(tuner, prepared=push)
+    adversary = dataclasses.replace(posed.adversary, tuner=tuner)
+    shares, scenarios = adversary.examples()
+    climb = startup.Ahead(adversary.climb, settings + "climb", z, jax.numpy.asarray(shares, z.dtype), after=push)
+    look = startup.Ahead(adversary.look, settings + "look", z, scenarios, after=push)
+    startup.meanwhile(judged, config, config.controller, _both(posed)[0])
+    return posed._replace(tuner=tuner, adversary=dataclasses.replace(adversary, climbing=climb, looking=look))
+
+
+def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> Outcome:
+    """Iterate with a bar; save now and then, at the end, and when interrupted."""
+    tuner, every = posed.tuner, posed.config.tune.checkpoint_every
+    names, latest = tuner.free.names, [run]
+    say(
+        arguments,
+        f"tuning {', '.join(names)} on {posed.config.ensemble.size} scenarios; the first start compiles for a minute",
+    )
+    runs.write_log(out, names, run)
+    done = max(p.iteration for p in run.searches)
+    bar = tqdm(total=tuner.iterations, initial=done, disable=arguments.quiet, unit="it", mininterval=0.5)
+
+    def each(run: Run) -> None:
+        if lost:
+            raise KeyboardInterrupt
+        latest[0] = run
+        last = max(run.searches, key=lambda p: p.iteration)
+        row = last.history[-1]
+        notes = f"cost {row[1]:.4f} best {run.lead.best[1]:.4f} |grad| {row[5]:.2g} latched {row[4]:.0f}"
+        bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
+        bar.update()
+        runs.log(out, names, run)
+        if last.iteration % every == 0:
+            runs.save(out, run)
+
+    def searching() -> None:
+        bar.refresh()
+        say(arguments, "\nlooking for the worst scenario ...")
+
+    try:
+        with interrupts() as lost:
+            outcome = solve(posed, run, each, searching)
+        latest[0] = outcome.run
+        return outcome
+    finally:  # also on Ctrl-C: the folder then holds the best gains so far, and --resume goes on
+        bar.close()
+        if latest[0].lead.history:
+            runs.save(out, latest[0])
+            runs.write_history(out, names, latest[0])
+            runs.write(out / "gains.toml", configuration.gains_table(tuner.best(latest[0].lead)))
+
+
+def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
+    """Metrics at the step of `simulate`, which is finer than that of tuning."""
+    timing = config.simulate
+    metrics = agvjax.evaluate(
+        as_arrays(controller),
+        batch,
+        dt=timing.dt,
+        n_steps=steps_of(timing.horizon, timing.dt),
+        control_every=timing.control_every,
+        criteria=agvjax.Criteria(smooth=True),
+        integrator=agvjax.INTEGRATORS[timing.integrator],
+    )
+    return jax.tree.map(np.asarray, metrics)
+
+
+def verdict(outcome: Outcome) -> tuple[report.Verdict, agvjax.Batch]:
+    """The gains before and after on both ensembles, what can be learned, and whether the limits are met."""
+    posed, config = outcome.posed, outcome.posed.config
+    seen = posed.tuner.batch
+    both, unseen = _both(posed)
+    parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
+    metrics = {
+        label: judged(config, c, both) for label, c in (("before", config.controller), ("after", outcome.controller))
+    }
+    before, after = (
+        {part: report.judge(jax.tree.map(lambda x, s=s: x[s], metrics[label])) for part, s in parts.items()}
+        for label in ("before", "after")
+    )
+    over = unmet(posed, *(jax.tree.map(lambda x: x[: seen.size], metrics[label]) for label in ("before", "after")))
+    z = outcome.progress.best_z
+    conflict = _conflict(posed, z) if over else []
+    return report.Verdict(before, after, analysis.analyse(posed.tuner, z), over, conflict), unseen
+
+
+def validation(config: Config) -> agvjax.Batch:
+    """Scenarios that no tuning sees."""
+    return sample(config.scenario, config.ensemble.draws, config.ensemble.validation_size, config.seed + 1)
+
+
+def _both(posed: Posed) -> tuple[agvjax.Batch, agvjax.Batch]:
+    """The tuning scenarios with the validation scenarios behind them, and these alone."""
+    config, seen, unseen = posed.config, posed.tuner.batch, validation(posed.config)
+    values = {n: np.concatenate([seen.values[n], unseen.values[n]]) for n in seen.names}
+    return agvjax.batch(config.scenario, values), unseen
+
+
+def unmet(posed: Posed, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
+    """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
+    objective = posed.tuner.objective
+    reference = objective.reference(*objective.values(before))
+    levels = np.asarray(objective.levels(*objective.values(after), reference))[len(objective.goals) :]
+    bounds = objective.units(reference)[len(objective.goals) :]
+    return [
+        f"{r.name} is {level * bound:.5g}, {level - 1:.2%} above its limit {bound:.5g}"
+        for r, level, bound in zip(objective.limits, levels, bounds, strict=True)
+        if not level <= 1 + TOLERANCE
+    ]
+
+
+def _conflict(posed: Posed, z: Any) -> list[str]:
+    """Which limits cannot be kept together, in words."""
+    if not posed.tuner.sequential:
+        return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
+    parts = analysis.conflict(posed.tuner, z)
+    against = [r.name for r, _, price in parts if price > 1e-6]
+    if len(against) < 2:
+        return []
+    return [f"These limits are in conflict, lowering one raises another: {', '.join(against)}."]
+
+
+def _conclude(arguments: argparse.Namespace, outcome: Outcome, out: Path) -> report.Verdict:
+    """Judge, draw, and write the report."""
+    config, tuned, names = outcome.posed.config, outcome.controller, outcome.posed.tuner.free.names
+    found, unseen = verdict(outcome)
+    worst = found.after["validation"].worst_index
+    scenes = {"nominal": config.scenario, "worst": unseen[worst]}
+    titles = {"nominal": "nominal scenario", "worst": "validation scenario with the largest error of the tuned gains"}
+    for name, scene in scenes.items():
+        old, new = (trajectory_of(config, as_arrays(c), as_arrays(scene)) for c in (config.controller, tuned))
+        runs.write_figure(out / f"{name}.png", report.tracking_figure(old, new, titles[name]))
+    runs.write_figure(out / "history.png", report.history_figure(names, outcome.run))
+    runs.write_figure(out / "sensitivity.png", report.sensitivity_figure(found.findings))
+    _write_worst(outcome, out)
+    text = report.page(outcome, found)
+    runs.write(out / "report.md", text)
+    runs.write(out / "report.html", html(text, out, "Tuned gains"))
+    say(arguments, text, f"gains, report and figures written to {out}; begin with {out}/report.html")
+    return found
+
+
+def _write_worst(outcome: Outcome, out: Path) -> None:
+    """`worst.json`: the worst scenario found for each metric, so that it can be looked at again."""
+    rows = [
+        {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
+        | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
+        for f in outcome.found
+    ]
+    runs.write_json(out / "worst.json", {"found": rows, "rounds": [r._asdict() for r in outcome.rounds]})

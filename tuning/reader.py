@@ -1,0 +1,296 @@
+"""Tables of TOML into objects: names of types and metrics, and what is wrong with what was given.
+
+The names of classes live here and nowhere else: `type = "circle"` in a table, or `filter = "literal"` where a class has
+nothing to set.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import agvjax
+
+from .ensemble import Between, Distribution, Draw, OneOf, Times, default_draws
+from .objective import METRICS
+from .settings import CHOICES, Limit, Weights
+
+LAWS = {
+    "neuro_backstepping": agvjax.NeuroBackstepping,
+    "backstepping": agvjax.Backstepping,
+    "full_weight": agvjax.FullWeightBackstepping,
+    "osfc": agvjax.OSFC,
+    "asmc": agvjax.ASMC,
+    "dfc": agvjax.DFC,
+    "ftsmc": agvjax.FTSMC,
+    "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
+}
+FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
+CLASSES: dict[str, dict[str, Any]] = {
+    "controller": LAWS | {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping},
+    "controller.inner": LAWS,
+    "controller.filter": FILTERS,
+    "controller.inner.filter": FILTERS,
+    "scenario.plant": {"decoupled": agvjax.Decoupled},
+    "scenario.plant.yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
+    "scenario.plant.coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "scenario.path": {
+        "dumbbell": agvjax.Dumbbell,
+        "circle": agvjax.Circle,
+        "lemniscate": agvjax.Lemniscate,
+        "line": agvjax.Line,
+    },
+    "scenario.heading": {
+        "default": None,
+        "bearing": agvjax.Bearing,
+        "bearing_raw": agvjax.RawBearing,
+        "bearing_swapped": agvjax.SwappedBearing,
+        "tangent": agvjax.Tangent,
+    },
+    "scenario.disturbance": {
+        "cosine": agvjax.Cosine,
+        "none": agvjax.NoDisturbance,
+        "step": agvjax.Step,
+        "cosine_sum": agvjax.CosineSum,
+    },
+}
+
+
+DRAWS = ("between", "times", "one_of", "distribution")
+
+
+class Reader:
+    """Builds objects from tables and collects what is wrong on the way."""
+
+    def __init__(self) -> None:
+        self.problems: list[agvjax.Problem] = []
+
+    def wrong(self, key: str, value: Any, rule: str, source: str = "") -> None:
+        """Note what is wrong."""
+        self.problems.append(
+            agvjax.Problem(key, value if isinstance(value, (int, float)) else repr(value), rule, source)
+        )
+
+    def unknown(self, key: str, value: Any, known: Sequence[str]) -> None:
+        """Note a name that is not known."""
+        name = key.rpartition(".")[2]
+        near = difflib.get_close_matches(name, known, 1, 0.5)
+        self.wrong(key, value, f"a known key; did you mean {near[0]}?" if near else f"one of {', '.join(known)}")
+
+    def build(self, key: str, default: Any, given: Any) -> Any:
+        """The object at `key`: the default with what the table gives."""
+        if key in CLASSES:
+            return self.pick(key, default, given)
+        if default is None:
+            self.wrong(key, given, "absent: it can be set in Python only")
+            return default
+        if key == "ensemble.draws":
+            return self.draws(key, given)
+        if key == "tune.bounds":
+            return self.bounds(key, given)
+        if key in ("tune.goals", "tune.limits"):
+            return self.requirements(key, default, given)
+        if key == "tune.tied":
+            return self.names(key, given)
+        if key == "tune.choices":
+            return self.choices(key, given)
+        if key.endswith((".Pi_hat", ".Pi_psi_hat")) and isinstance(given, Mapping):
+            return self.fields(key, agvjax.KnownSlopes(), given)
+        if dataclasses.is_dataclass(default) and not isinstance(default, type):
+            return self.fields(key, default, given)
+        if isinstance(default, dict):
+            return self.mapping(key, default, given)
+        return self.scalar(key, default, given)
+
+    def fields(self, key: str, default: Any, given: Any) -> Any:
+        """A dataclass from a table."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        known = [f.name for f in dataclasses.fields(default)]
+        new = {}
+        for name, value in given.items():
+            part = f"{key}.{name}" if key else name
+            if name not in known:
+                self.unknown(part, value, known)
+            else:
+                new[name] = self.build(part, getattr(default, name), value)
+        return dataclasses.replace(default, **new)
+
+    def pick(self, key: str, default: Any, given: Any) -> Any:
+        """An object of the class that the table names."""
+        classes = CLASSES[key]
+        if isinstance(given, str):
+            given = {"type": given}
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table or the name of a type")
+            return default
+        kind = given.get("type")
+        if kind is not None and (not isinstance(kind, str) or kind not in classes):
+            self.wrong(f"{key}.type", kind, f"one of {', '.join(classes)}")
+            return default
+        if kind is not None and (classes[kind] is None or type(default) is not classes[kind]):
+            default = None if classes[kind] is None else classes[kind]()
+        rest = {name: value for name, value in given.items() if name != "type"}
+        if default is None:
+            for name, value in rest.items():
+                self.wrong(f"{key}.{name}", value, "absent: this type has nothing to set")
+            return None
+        return self.fields(key, default, rest)
+
+    def mapping(self, key: str, default: dict[str, Any], given: Any) -> Any:
+        """A dictionary from a table."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        if key == "tune.options":
+            return dict(given)
+        for name in set(given) - set(default):
+            self.unknown(f"{key}.{name}", given[name], tuple(default))
+        return {n: self.build(f"{key}.{n}", part, given[n]) if n in given else part for n, part in default.items()}
+
+    def scalar(self, key: str, default: Any, given: Any) -> Any:
+        """A number, array, string, flag or list of names."""
+        if isinstance(default, bool) or isinstance(default, str):
+            if type(given) is not type(default):
+                self.wrong(key, given, "true or false" if isinstance(default, bool) else "a string")
+                return default
+            if given not in CHOICES.get(key, (given,)):
+                self.wrong(key, given, f"one of {', '.join(CHOICES[key])}")
+                return default
+            return given
+        if isinstance(default, tuple):
+            if not isinstance(given, list) or not given or not all(isinstance(x, str) for x in given):
+                self.wrong(key, given, "a list of names")
+                return default
+            return tuple(given)
+        array = _numbers(given)
+        listed = key.startswith(("controller.", "scenario."))  # where a leaf may be an array its own rule says which
+        if array is None or (array.ndim and not listed):
+            self.wrong(key, given, "a number or a list of numbers" if listed else "a number")
+            return default
+        if array.ndim:
+            return array.astype(float)
+        whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
+        return int(array) if whole else float(array)
+
+    def draws(self, key: str, given: Any) -> dict[str, Draw]:
+        """Distributions by the leaf they draw."""
+        found: dict[str, Draw] = {}
+        before = len(self.problems)
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return found
+        for name, draw in _flat(given, DRAWS):
+            read = _draw(draw)
+            if read is None:
+                rule = "{ between = [low, high] }, { times = [low, high] } with low <= high, { one_of = [values] }, or"
+                rule += ' { distribution = "a name in scipy.stats", its parameters, times = true or false }'
+                self.wrong(f"{key}.{name}", draw, rule)
+                continue
+            try:
+                read.quantile(0.5, 1.0)
+                found[name] = read
+            except ValueError as error:
+                self.wrong(f"{key}.{name}", draw, f"a distribution of scipy.stats with its parameters ({error})")
+        return found if len(self.problems) == before else default_draws()
+
+    def requirements(self, key: str, default: Any, given: Any) -> Any:
+        """Goals or limits by metric: a table of statistics, or one number for a mean, of a limit for the worst too."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        goals = key == "tune.goals"
+        found = {} if goals else dict(default)
+        for name, value in given.items():
+            if name not in METRICS:
+                self.unknown(f"{key}.{name}", value, tuple(METRICS))
+            elif isinstance(value, Mapping):
+                found[name] = self.fields(f"{key}.{name}", Weights() if goals else Limit(), value)
+            else:
+                number = self.scalar(f"{key}.{name}", 1.0, value)
+                found[name] = Weights(mean=number) if goals else Limit(mean=number, worst=number)
+        return found
+
+    def names(self, key: str, given: Any) -> dict[str, str]:
+        """Name -> name."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return {}
+        pairs = dict(_flat(given, ()))
+        for name, value in pairs.items():
+            if not isinstance(value, str):
+                self.wrong(f"{key}.{name}", value, "the name of a gain")
+        return {name: value for name, value in pairs.items() if isinstance(value, str)}
+
+    def choices(self, key: str, given: Any) -> dict[str, list[Any]]:
+        """Dotted key -> the values to try."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return {}
+        pairs = dict(_flat(given, ()))
+        for name, value in pairs.items():
+            if not isinstance(value, list) or not value:
+                self.wrong(f"{key}.{name}", value, "a list of the values to try")
+        return {name: value for name, value in pairs.items() if isinstance(value, list) and value}
+
+    def bounds(self, key: str, given: Any) -> dict[str, tuple[float, float]]:
+        """Pairs by the gain they bound."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return {}
+        for name, pair in given.items():
+            if not _is_pair(pair):
+                self.wrong(f"{key}.{name}", pair, "[low, high] with low <= high")
+        return {name: (float(p[0]), float(p[1])) for name, p in given.items() if _is_pair(p)}
+
+
+def _draw(given: Any) -> Draw | None:
+    """A draw as a table says it; None where it says none."""
+    if not isinstance(given, Mapping):
+        return None
+    if "distribution" in given:
+        rest = {name: value for name, value in given.items() if name not in ("distribution", "times")}
+        times, fine = given.get("times", False), all(_number(value) for value in rest.values())
+        if not (isinstance(given["distribution"], str) and isinstance(times, bool) and fine):
+            return None
+        return Distribution(given["distribution"], {name: float(value) for name, value in rest.items()}, times)
+    kind, value = next(iter(given.items())) if len(given) == 1 else ("", [])
+    if kind in ("between", "times") and _is_pair(value):
+        return {"between": Between, "times": Times}[kind](float(value[0]), float(value[1]))
+    if kind == "one_of" and isinstance(value, list) and value and all(_number(x) for x in value):
+        return OneOf(tuple(float(x) for x in value))
+    return None
+
+
+def _number(given: Any) -> bool:
+    return isinstance(given, (int, float)) and not isinstance(given, bool)
+
+
+def _numbers(given: Any) -> np.ndarray | None:
+    """A number or a regular list of numbers as an array; None for anything else."""
+    if isinstance(given, bool) or not isinstance(given, (int, float, list)):
+        return None
+    try:
+        array = np.asarray(given)
+        return array.astype(float) if array.dtype.kind in "ifO" else None
+    except (ValueError, TypeError, OverflowError):  # unequal lists, strings among numbers, integers beyond any float
+        return None
+
+
+def _is_pair(pair: Any) -> bool:
+    array = _numbers(pair) if isinstance(pair, list) else None
+    return array is not None and array.shape == (2,) and bool(array[0] <= array[1])
+
+
+def _flat(table: Mapping[str, Any], ends: Sequence[str], prefix: str = "") -> list[tuple[str, Any]]:
+    """Dotted keys, quoted or not, as one flat list."""
+    rows = []
+    for name, value in table.items():
+        nested = isinstance(value, Mapping) and not set(value) & set(ends)
+        rows += _flat(value, ends, f"{prefix}{name}.") if nested and value else [(prefix + name, value)]
+    return rows

@@ -1,0 +1,119 @@
+"""A tuning problem solved: searches from every start, then the worst case, tuned again with it until none is worse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .optimise import HISTORY, Progress
+from .problem import Posed, starts, with_added
+from .worst import Found
+
+COLUMNS = ("round", "start", *HISTORY)
+
+
+class Round(NamedTuple):
+    """What a round of tuning and searching came to, for one metric."""
+
+    round: int
+    metric: str
+    best: float  # its worst in the ensemble, with what was added
+    worst_found: float  # in the box; infinite where a run diverges
+
+
+class Run(NamedTuple):
+    """Everything that a run needs to go on from where it stands."""
+
+    round: int
+    searches: tuple[Progress, ...]  # of this round, one a start
+    added: dict[str, np.ndarray]  # leaves of the scenarios that searches found, (A, ...)
+    rounds: tuple[Round, ...]  # those before
+    past: tuple[tuple[float, ...], ...]  # history of the rounds before, rows of COLUMNS and gains
+
+    @property
+    def history(self) -> list[tuple[float, ...]]:
+        """A row an iteration and start, over all rounds."""
+        rows = [(self.round, i, *row) for i, p in enumerate(self.searches) for row in p.history]
+        return [*self.past, *sorted(rows, key=lambda row: (row[2], row[1]))]
+
+    @property
+    def lead(self) -> Progress:
+        """The best search of this round."""
+        return min(self.searches, key=lambda p: p.best)
+
+    def total(self, name: str) -> int:
+        """Sum over rounds and starts of what a column counts up."""
+        ends: dict[tuple[float, float], float] = {}
+        for row in self.history:
+            ends[row[0], row[1]] = row[COLUMNS.index(name)]
+        return int(sum(ends.values()))
+
+
+class Outcome(NamedTuple):
+    """Tuned gains and what is known of them."""
+
+    posed: Posed  # the last round's problem
+    run: Run
+    controller: Any
+    found: list[Found]  # the worst scenarios of the last search
+    rounds: tuple[Round, ...]
+
+    @property
+    def progress(self) -> Progress:
+        """The search that found the gains."""
+        return self.run.lead
+
+
+def begin(posed: Posed) -> Run:
+    """Before the first iteration."""
+    return Run(0, tuple(posed.tuner.begin(z) for z in starts(posed)), {}, (), ())
+
+
+def solve(
+    posed: Posed,
+    run: Run | None = None,
+    each: Callable[[Run], None] = lambda run: None,
+    searching: Callable[[], None] = lambda: None,
+) -> Outcome:
+    """Tune, search for the worst scenario, add it and tune again, for as many rounds as are configured.
+
+    Args:
+        posed: the problem, from `pose`.
+        run: where to go on; None begins.
+        each: called after every iteration.
+        searching: called before every search for the worst scenario.
+
+    Raises:
+        RuntimeError: nothing can be tuned from the starting gains.
+    """
+    run = begin(posed) if run is None else run
+    posed = with_added(posed, run.added) if run.added else posed
+    settings = posed.config.tune.search
+    while True:
+        while not all(posed.tuner.finished(p) for p in run.searches):
+            run = run._replace(searches=tuple(posed.tuner.advance_all(list(run.searches))))
+            each(run)
+        lead = run.lead
+        if np.isinf(lead.best[1]):
+            raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
+        searching()
+        found = posed.adversary.search(lead.best_z, run.round)
+        best = posed.tuner.worst(lead.best_z)
+        names = posed.tuner.objective.names
+        rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
+        worse = [f for f, r in zip(found, rounds, strict=True) if f.value > (1 + settings.tolerance) * r.best]
+        if run.round >= settings.rounds or not worse:
+            return Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
+        posed, run = _again(posed, run, worse, rounds)
+
+
+def _again(posed: Posed, run: Run, worse: list[Found], rounds: tuple[Round, ...]) -> tuple[Posed, Run]:
+    """The problem with the worst scenarios added, and its run, from the gains that did not stand them."""
+    added = {name: np.stack([f.scenario[name] for f in worse]) for name in posed.tuner.batch.names}
+    if run.added:
+        added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
+    posed = with_added(posed, added)
+    searches = (posed.tuner.begin(run.lead.best_z),)
+    return posed, Run(run.round + 1, searches, added, (*run.rounds, *rounds), tuple(run.history))
