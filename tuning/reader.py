@@ -204,7 +204,7 @@ class Reader:
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return default
-        goals = key == "tune.goals"
+        goals, before = key == "tune.goals", len(self.problems)
         found = {} if goals else dict(default)
         for name, value in given.items():
             if name not in METRICS:
@@ -214,7 +214,7 @@ class Reader:
             else:
                 number = self.scalar(f"{key}.{name}", 1.0, value)
                 found[name] = Weights(mean=number) if goals else Limit(mean=number, worst=number)
-        return found
+        return found if len(self.problems) == before else default
 
     def names(self, key: str, given: Any) -> dict[str, str]:
         """Name -> name."""

@@ -249,11 +249,11 @@ def _requirements(tune: Tune) -> list[agvjax.Problem]:
     if not any(weight > 0 for weights in tune.goals.values() for weight in vars(weights).values()):
         found.append(agvjax.Problem("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
     for name, limit in tune.limits.items():
-        for statistic in STATISTICS:
-            value = getattr(limit, statistic)
-            if not value > 0:
-                rule = "> 0, a ratio to the starting gains or with absolute = true the value itself; inf for none"
-                found.append(agvjax.Problem(f"tune.limits.{name}.{statistic}", value, rule))
+        bad = {statistic: getattr(limit, statistic) for statistic in STATISTICS if not getattr(limit, statistic) > 0}
+        for statistic, value in bad.items():
+            key = f"tune.limits.{name}" + ("" if len(bad) > 1 and len(set(bad.values())) == 1 else f".{statistic}")
+            rule = "> 0, a ratio to the starting gains or with absolute = true the value itself; inf for none"
+            found.append(agvjax.Problem(key, value, rule))
     return found
 
 
