@@ -400,7 +400,7 @@ def test_all_bad_settings_are_named_at_once(refused, tmp_path):
     settings += ["foo=1", "tune.goals.x=1", "ensemble.draws.start.x.between=[0, 1]", "tune.limits.effort=-2"]
     said = refused(arguments("tune", tmp_path / "out", settings))
     assert "8 bad values:" in said and len(said.strip().splitlines()) == 9
-    for key in ("controller.k1", "slope_right", "simulate.dt", "tune.optimizer", "foo", "metric", "start.x", "effort"):
+    for key in ("controller.k1", "slope_right", "simulate.dt", "tune.optimizer", "foo", "goals.x", "start.x", "effort"):
         assert sum(key in line.partition(": must be")[0] for line in said.splitlines()) == 1, key
 
 

@@ -95,7 +95,10 @@ def default_bounds(
     bounds = {}
     for name in names:
         allowed = rule_of(controller, name)
-        low, high = (0.0, np.inf) if allowed is None else (allowed.low, allowed.high)
+        unknown = (
+            (0.0, np.inf) if float(get(controller, name)) > 0 else (-np.inf, np.inf)
+        )  # no rule: a gain keeps its sign
+        low, high = unknown if allowed is None else (allowed.low, allowed.high)
         bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
     return bounds
 

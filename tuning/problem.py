@@ -130,7 +130,9 @@ def _free(config: Config, stability: Mapping[str, float], method: agvjax.Integra
     slowest = max(settings.dt, 1 / settings.sample_rate) if settings.sample_rate else settings.dt
     bounds = default_bounds(law, names, stability, slowest, method)
     for name, (low, high) in settings.bounds.items():
-        bounds[name] = (max(low, bounds[name][0]), min(high, bounds[name][1]))
+        if rule_of(law, name) is not None:  # a gain without a rule may go wherever the user says
+            low, high = max(low, bounds[name][0]), min(high, bounds[name][1])
+        bounds[name] = (low, high)
     tied = tie(law, settings.tied, bounds, {name: bounds[name] for name in settings.tied})
     lower, upper = (np.array([bounds[name][side] for name in settings.gains]) for side in (0, 1))
     return Free(settings.gains, lower, upper, tied)
