@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, gradient, rollout, startup
+from . import accuracy, figure, gradient, rollout, startup, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -23,8 +23,9 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "memory": lambda turns: gradient.measure_memory(),
     "startup": startup.measure,
     "accuracy": lambda turns: _alone(accuracy.measure),
+    "tuning": tuning.measure,
 }
-LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi")
+LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel")
 
 
 def main() -> None:
@@ -42,8 +43,9 @@ def main() -> None:
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
-    if (RESULTS / "rollout.json").exists():
-        figure.draw(json.loads((RESULTS / "rollout.json").read_text()), RESULTS / "rollout.png")
+    for name, draw in (("rollout", figure.draw), ("tuning", figure.draw_tuning)):
+        if (RESULTS / f"{name}.json").exists():
+            draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
 
 
 def _alone(function: Callable[[], Any]) -> Any:
@@ -84,13 +86,19 @@ def table(kept: dict[str, Any]) -> str:
     """A part as Markdown."""
     facts, rows = kept["machine"], kept["rows"]
     versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+    columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key != "curves"]
     lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
         cells = [row.get(column, "") for column in columns]
-        lines.append("| " + " | ".join(f"{c:.3g}" if isinstance(c, float) else str(c) for c in cells) + " |")
+        lines.append("| " + " | ".join(_cell(c) for c in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(_cell(v) for v in value)
+    return "never" if value is None else f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

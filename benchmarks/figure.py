@@ -1,4 +1,4 @@
-"""The plot of the rollout benchmark that the README shows."""
+"""The plots of the benchmarks that README and docs show."""
 
 from __future__ import annotations
 
@@ -39,3 +39,52 @@ def draw(kept: dict[str, Any], path: Path) -> None:
     )
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+METHODS = {
+    "sqp": "agvjax, sqp",
+    "adam": "agvjax, Adam",
+    "cma": "CMA-ES",
+    "tpe": "Optuna TPE",
+    "random": "random search",
+}
+METHODS |= {"nelder-mead": "SciPy Nelder-Mead", "l-bfgs-b": "SciPy L-BFGS-B, differences"}
+
+
+def draw_tuning(kept: dict[str, Any], path: Path) -> None:
+    """Cost above the best that any method found, against rollouts and seconds: median and range of the starts."""
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained", sharey=True)
+    best = kept["rows"][0]["best_of_all"]
+    for k, row in enumerate(kept["rows"]):
+        for axis, column in zip(axes, (0, 1), strict=True):
+            curves = [np.array(curve) for curve in row["curves"]]
+            grid = np.geomspace(min(c[0, column] for c in curves), max(c[-1, column] for c in curves), 200)
+            levels = np.array([_stairs(curve[:, column], curve[:, 2], grid) for curve in curves]) / best - 1
+            middle = np.median(levels, axis=0)
+            axis.loglog(grid, np.maximum(middle, 1e-5), color=f"C{k}", label=METHODS[row["method"]])
+            low, high = (np.maximum(edge(axis=0), 1e-5) for edge in (levels.min, levels.max))
+            axis.fill_between(grid, low, high, color=f"C{k}", alpha=0.12)
+    for axis, name in zip(axes, ("rollouts of the ensemble", "seconds of one core"), strict=True):
+        axis.axhline(0.01, color="0.6", lw=0.8, ls="--")
+        axis.set(xlabel=name, ylim=(5e-5, 10))
+        axis.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("cost above the best found")
+    axes[1].legend(fontsize=8)
+    facts = kept["machine"]
+    figure.supxlabel(
+        f"default problem, {len(kept['rows'][0]['curves'])} starts"
+        f" ({facts['processor']}, jaxlib {facts['versions']['jaxlib']}, {facts['date']})",
+        fontsize=8,
+    )
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _stairs(x: Any, y: Any, grid: Any) -> Any:
+    """The last y up to each place of the grid; before the first, the first."""
+    import numpy as np
+
+    return np.asarray(y)[np.maximum(np.searchsorted(x, grid, side="right") - 1, 0)]

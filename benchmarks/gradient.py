@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
+import agvjax
+
 from .rollout import ensemble
 from .turns import ratio, take_turns
 from .worker import jax_ready
 
-GAINS = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+GAINS = agvjax.NeuroBackstepping.tunable
 
 
 def problem(job: dict[str, Any]) -> tuple[Callable[[Any], Any], Any]:
     """Mean tracking error of the ensemble as a function of the parameters, and where to look."""
     import jax.numpy as jnp
-
-    import agvjax
 
     law, scenario, values = ensemble(job["batch"])
     del values["disturbance.amplitude"]
@@ -31,7 +31,7 @@ def problem(job: dict[str, Any]) -> tuple[Callable[[Any], Any], Any]:
         amplitudes=np.full(waves, 0.2 / waves), omegas=np.linspace(0.5, 5.0, waves), phases=np.zeros(waves)
     )
     start = np.array([*(float(agvjax.leaves(law)[name]) for name in names), *series.amplitudes[: count - len(names)]])
-    scenario = agvjax.replace(agvjax.Scenario(disturbance=series), {})
+    scenario = agvjax.Scenario(disturbance=series)
 
     def cost(x: Any) -> Any:
         scene = scenario

@@ -15,10 +15,7 @@ from .turns import rate, ratio, take_turns
 from .worker import PEERS, jax_ready
 
 LAP = 12.0  # s
-# the least number of steps per run that makes a peer's run last long enough to be timed, and short enough to wait for
-STEPS = {"numpy": 1200, "scipy": 12000, "casadi": 12000}
-
-
+STEPS = {"numpy": 1200, "scipy": 12000, "casadi": 12000}  # per run: long enough to be timed, short enough to wait for
 ALONE = ("scipy", "casadi")  # one scenario after the other: their speed is that of a single one
 
 

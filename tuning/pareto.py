@@ -80,14 +80,11 @@ def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: st
         if bad:
             axes.plot(uses[bad, column], errors[bad, column], "x", color="0.5", label="limits not met")
         axes.plot(*uses[-1:, column], *errors[-1:, column], "s", color="tab:orange", label="starting gains")
+        last, room = -np.inf, 0.06 * np.ptp(uses[:, column])
         for i in good:
-            axes.annotate(
-                f"{points[i].factor:g}",
-                (uses[i, column], errors[i, column]),
-                fontsize=7,
-                xytext=(4, 3),
-                textcoords="offset points",
-            )
+            if uses[i, column] - last > room:  # labels that would lie upon each other are left out
+                last, place = uses[i, column], (uses[i, column], errors[i, column])
+                axes.annotate(f"{points[i].factor:.3g}", place, fontsize=7, xytext=(4, 3), textcoords="offset points")
         axes.set(xlabel=f"{name} {metric}", ylabel=f"{name} {goal}")
         axes.grid(alpha=0.3)
     drawn.axes[0].legend(fontsize=8)

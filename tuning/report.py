@@ -92,7 +92,7 @@ def standings(findings: Findings) -> str:
         kind = "limit" if s.limit else "goal"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
-        slopes = [f"{x:+.2f}" if abs(x) >= 0.005 else "0" for x in s.slopes]
+        slopes = [_signed(x) for x in s.slopes]
         rows.append(
             [
                 s.requirement.name,
@@ -105,6 +105,10 @@ def standings(findings: Findings) -> str:
             ]
         )
     return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
+
+
+def _signed(x: float) -> str:
+    return f"{x:+.2f}" if abs(x) >= 0.005 else "0"
 
 
 def identifiability(findings: Findings) -> list[str]:
@@ -187,9 +191,8 @@ def sensitivity_figure(findings: Findings) -> Figure:
     top = max(np.abs(table).max(), 1e-6)
     axes.imshow(table, cmap="RdBu_r", vmin=-top, vmax=top, aspect="auto")
     for (i, k), value in np.ndenumerate(table):
-        axes.text(
-            k, i, f"{value:+.2f}", ha="center", va="center", fontsize=8, color="w" if abs(value) > 0.6 * top else "k"
-        )
+        color = "w" if abs(value) > 0.6 * top else "k"
+        axes.text(k, i, _signed(value), ha="center", va="center", fontsize=8, color=color)
     axes.set_xticks(range(len(names)), names, fontsize=9)
     axes.set_yticks(range(len(rows)), [_label(s) for s in rows], fontsize=9)
     axes.set_title("relative change of a requirement per relative change of a gain", fontsize=9)
