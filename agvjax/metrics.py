@@ -16,7 +16,7 @@ from . import loop
 from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
 from .angle import wrap
 
-MOMENT, EDGE = 8, 0.1  # of the smooth settling time: its power of time, and the softness of the band as a share of it
+MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how soft the band is, as a share of it
 
 
 @pytree
@@ -143,7 +143,8 @@ class Criteria:
         """Integral of t^(MOMENT - 1) over the time outside the band, whose edge is soft."""
         if moment is None:
             return None
-        return moment + weight * t ** (MOMENT - 1) * jax.nn.sigmoid((share - 1) / EDGE)
+        x = jnp.clip((share - 1 + EDGE) / (2 * EDGE), 0, 1)  # well inside it nothing counts, however late
+        return moment + weight * t ** (MOMENT - 1) * x * x * (3 - 2 * x)
 
     def finish(self, tally: Tally, ok: Bool[Array, ""], horizon: Float[Array, ""]) -> Metrics:
         """The metrics of a run of `horizon` seconds."""

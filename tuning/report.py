@@ -242,7 +242,7 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     )
     smooth = _smooth_note(objective.names)
     learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
-    said = "\n".join(f"* {line}" for line in statement(outcome.found))
+    said = "\n".join(f"* {line}" for line in [*statement(outcome.found), *_known(outcome)])
     return f"""# Tuned gains
 
 {gains((*free.names, *free.tied), config.controller, outcome.controller, posed.stability)}
@@ -293,6 +293,14 @@ earlier rounds added.
 
 ![worst](worst.png)
 """
+
+
+def _known(outcome: Outcome) -> list[str]:
+    if not outcome.worse:
+        return []
+    rounds = outcome.posed.config.tune.search.rounds
+    more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
+    return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
 
 
 def _unmet(verdict: Verdict) -> str:

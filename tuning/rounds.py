@@ -61,6 +61,12 @@ class Outcome(NamedTuple):
     rounds: tuple[Round, ...]
 
     @property
+    def worse(self) -> list[str]:
+        """Metrics of which the box is known to hold a worse scenario than any that was tuned on."""
+        last = [r for r in self.rounds if r.round == self.run.round]
+        return [r.metric for r in last if r.worst_found > (1 + self.posed.config.tune.search.tolerance) * r.best]
+
+    @property
     def progress(self) -> Progress:
         """The search that found the gains."""
         return self.run.lead
