@@ -9,6 +9,8 @@ import pytest
 
 from agvjax import Batch, NeuroBackstepping, Scenario, batch, evaluate, leaves, replace, simulate
 
+pytestmark = pytest.mark.xdist_group("batch")  # they share what they compile
+
 VALUES = {
     "deadzone.heading.slope_left": np.array([0.4, 0.72, 1.0]),
     "disturbance.amplitude": np.array([0.0, 0.2, 0.4]),
