@@ -1,5 +1,6 @@
 """The search for the worst scenario, the ensembles it searches in, and the loop that tunes again with what it found."""
 
+import dataclasses
 import types
 
 import jax
@@ -22,6 +23,7 @@ from tuning import (
     Simulate,
     Times,
     Tune,
+    Weights,
     pose,
     sample,
     solve,
@@ -187,3 +189,25 @@ def test_what_was_added_counts_in_no_mean(solved):
     values, ok = (np.asarray(x) for x in tuner.push(solved.progress.best_z, tuner.scenarios)[:2])
     levels = np.asarray(tuner.objective.levels(jnp.asarray(values), jnp.asarray(ok), tuner.reference))
     np.testing.assert_allclose(levels[0], values[0, :4].mean() / tuner.reference[0, 0], rtol=1e-12)
+
+
+TUNED = {"k1": 27.0, "k2": 14.8, "k3": 11.9, "Lam": 1.2, "Lam_psi": 76.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gains", [{}, TUNED], ids=["paper", "tuned"])
+def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(gains):
+    config = Config(controller=agvjax.replace(agvjax.NeuroBackstepping(), gains))
+    tune = Tune(gains=("k1",), goals={"rmse": Weights(worst=1.0)})
+    posed = pose(dataclasses.replace(config, tune=tune))
+    adversary = dataclasses.replace(posed.adversary, checks=0)
+    z = posed.tuner.begin().z
+    found = adversary.search(z)
+    drawn = {name: np.asarray(v) for name, v in sample(Scenario(), config.ensemble.draws, 100_000, 5).values.items()}
+    beaten = adversary._values(z, drawn).max(axis=1)
+    for f in found:
+        assert f.value >= beaten[posed.tuner.objective.names.index(f.metric)], f.metric
+        assert f.rollouts <= 1000
+        for name, draw in config.ensemble.draws.items():
+            low, high = box(draw, np.asarray(agvjax.leaves(Scenario())[name]))
+            assert np.all((f.scenario[name] >= low - 1e-12) & (f.scenario[name] <= high + 1e-12)), name
