@@ -31,14 +31,7 @@ def draw(kept: dict[str, Any], path: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
     low, high = axes[0].get_xlim()
     axes[0].set_xlim(low, high * 2)
-    facts = kept["machine"]
-    figure.supxlabel(
-        f"speed relative to evaluate, same loop and accuracy, taking turns"
-        f"  ({facts['processor']}, jaxlib {facts['versions']['jaxlib']}, {facts['date']})",
-        fontsize=8,
-    )
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    _keep(figure, path, "speed relative to evaluate, same loop and accuracy, taking turns ", kept["machine"])
 
 
 METHODS = {
@@ -73,12 +66,15 @@ def draw_tuning(kept: dict[str, Any], path: Path) -> None:
         axis.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("cost above the best found")
     axes[1].legend(fontsize=8)
-    facts = kept["machine"]
-    figure.supxlabel(
-        f"default problem, {len(kept['rows'][0]['curves'])} starts"
-        f" ({facts['processor']}, jaxlib {facts['versions']['jaxlib']}, {facts['date']})",
-        fontsize=8,
-    )
+    _keep(figure, path, f"default problem, {len(kept['rows'][0]['curves'])} starts", kept["machine"])
+
+
+def _keep(figure: Any, path: Path, text: str, facts: dict[str, Any]) -> None:
+    """Say what was measured where, and write the picture."""
+    import matplotlib.pyplot as plt
+
+    where = f"{facts['processor']}, jaxlib {facts['versions']['jaxlib']}, {facts['date']}"
+    figure.supxlabel(f"{text} ({where})", fontsize=8)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -498,6 +498,32 @@ def test_an_ensemble_in_which_every_run_diverges_is_refused():
         tuner.advance(tuner.begin())
 
 
+def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at(small):
+    tuner = small_tuner(optimizer="lbfgs", prepared=small.push, iterations=4, objective=Objective(GOALS[:1], ()))
+    p = iterate(tuner, tuner.begin())
+    costs = [row[HISTORY.index("cost")] for row in p.history]
+    assert np.all(np.diff(costs) < 0)  # Wolfe's conditions ask for no less
+    looks = p.rollouts / (1 + len(NAMES))
+    assert looks > p.iteration and looks == round(looks)
+
+
+def test_fresh_scenarios_steer_and_the_fixed_ones_rank(small):
+    def fresh(iteration):
+        drawn = sample(Scenario(), default_draws(), 8, 0, 1000 + iteration)
+        return {name: np.asarray(value) for name, value in drawn.values.items()}
+
+    tuner = small_tuner(fresh=fresh, prepared=small.push, iterations=6)
+    p = iterate(tuner, tuner.begin())
+    again = iterate(tuner, tuner.begin())
+    np.testing.assert_array_equal(p.z, again.z)  # drawn by the number of the iteration, not by a running state
+    fixed = iterate(small_tuner(prepared=small.push, iterations=6), small.begin())
+    assert np.abs(p.z - fixed.z).max() > 1e-3
+    values, ok = small.push(p.best_z, small.scenarios)[:2]
+    goal = float(small.objective.score(values, ok, small.reference).goal)
+    np.testing.assert_allclose(p.best[1], goal, rtol=1e-9)
+    assert p.rollouts == 6 * (2 + len(NAMES))
+
+
 # ----------------------------------------------------------------------------------------------------- checkpoints
 
 
