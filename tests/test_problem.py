@@ -121,7 +121,8 @@ def test_every_law_of_the_package_is_tuned_out_of_the_box(law):
     config = configuration.load([], [], "tune")
     names = tuple(getattr(law, "tunable", ())) or tuple(n for n, x in agvjax.leaves(law).items() if np.ndim(x) == 0)
     ensemble = dataclasses.replace(config.ensemble, size=16, validation_size=4)
-    tune = dataclasses.replace(config.tune, gains=names, iterations=40, search=NO_SEARCH)
+    limits = {name: Limit(mean=1.05, worst=1.05) for name in config.tune.limits}
+    tune = dataclasses.replace(config.tune, gains=names, limits=limits, iterations=40, search=NO_SEARCH)
     outcome, over = tuned(dataclasses.replace(config, controller=law, ensemble=ensemble, tune=tune))
     assert over == [] and outcome.progress.best[1] < 1.3 * 0.995
 

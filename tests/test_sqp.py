@@ -138,9 +138,9 @@ def test_a_useless_look_is_stepped_back_from():
     np.testing.assert_allclose(z[0], -sqp.FIRST, rtol=1e-6)  # downhill, to the edge of the trust region
     again, state = sqp.step(state, z, None, None, objective, reference)
     assert state.center[0] == 0.0 and z[0] < again[0] < 0.0
-    assert sqp.usable(good, reference)
-    assert not sqp.usable((None, None, np.array([[[np.nan]]])), reference)
-    assert not sqp.usable((None, None, np.array([[[1e9]]])), reference)
+    assert sqp.usable(good, np.ones(1))
+    assert not sqp.usable((None, None, np.array([[[np.nan]]])), np.ones(1))
+    assert not sqp.usable((None, None, np.array([[[1e9]]])), np.ones(1))
 
 
 def test_a_penalty_that_is_too_small_is_raised_until_the_limit_is_kept():

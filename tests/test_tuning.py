@@ -81,7 +81,8 @@ def scripted(scores, gradients, **changed):
 
     def next_of(z, scenarios):
         (cost, excess), gradient = next(calls)
-        score = Score(jnp.array(cost), jnp.array(cost), jnp.array(excess), jnp.array(0), jnp.zeros(8))
+        levels = jnp.zeros(8).at[-1].set(1 + excess)
+        score = Score(jnp.array(cost), jnp.array(cost), jnp.array(excess), jnp.array(0), levels)
         return score, jnp.asarray(gradient, float) * jnp.ones_like(z)
 
     tuner.__dict__["gradient_of"] = next_of
@@ -260,13 +261,13 @@ OBJECTIVE = Objective(GOALS, within({"effort": 1.1}), penalty=3.0, latched=10.0)
 
 def test_cost_of_a_small_table_by_hand():
     score = OBJECTIVE.score(VALUES, OK, REFERENCE)
-    # a diverged run counts 10 times the reference's worst: 50 and 80
+    # a diverged run counts 10 times the reference's worst or, where larger, the bound on it: 50 and 88
     # goal:  mean (1 + 3 + 50)/3 = 18 over 2 = 9;     worst 50 over 5 = 10;  9 + 0.3 * 10 = 12
-    # limit: mean (4 + 6 + 80)/3 = 30 over 1.1 * 4;   worst 80 over 1.1 * 8
+    # limit: mean (4 + 6 + 88)/3 over 1.1 * 4;        worst 88 over 1.1 * 8
     np.testing.assert_allclose(score.goal, 12.0, rtol=1e-14)
-    np.testing.assert_allclose(score.levels, [9, 10, 30 / 4.4, 10 / 1.1], rtol=1e-14)
-    np.testing.assert_allclose(score.excess, 10 / 1.1 - 1, rtol=1e-14)
-    np.testing.assert_allclose(score.cost, 12 + 3 * (30 / 4.4 - 1 + 10 / 1.1 - 1), rtol=1e-14)
+    np.testing.assert_allclose(score.levels, [9, 10, 98 / 13.2, 10], rtol=1e-14)
+    np.testing.assert_allclose(score.excess, 9, rtol=1e-14)
+    np.testing.assert_allclose(score.cost, 12 + 3 * (98 / 13.2 - 1 + 9), rtol=1e-14)
     assert score.latched == 1
 
 
@@ -587,9 +588,10 @@ def test_the_sequential_tuner_keeps_its_limits_and_resumes(small, solved, tmp_pa
     settings = {"optimizer": "sqp", "iterations": 45, "prepared": small.push}
     whole = small_tuner(**settings)
     wanted = iterate(whole, whole.begin())
-    excess, goal = wanted.best
-    assert excess == 0.0  # of a twentieth of a percent
-    assert goal < solved.best[1] + 1e-3 < 1.26  # as far as Adam goes, from 1.3
+    assert wanted.best[0] == 0.0 and wanted.best[1] < 1.26  # within a twentieth of a percent, from 1.3
+    # this small problem has two optima; the better one, which Adam has not reached in as many looks, from elsewhere
+    other = iterate(whole, whole.begin(whole.begin().z + np.random.default_rng(1).uniform(-1, 1, len(NAMES))))
+    assert other.best[0] == 0.0 and other.best[1] < solved.best[1] < wanted.best[1]
     keep(tmp_path, iterate(whole, whole.begin(), until=4))
     again = small_tuner(**settings)
     got = iterate(again, kept(tmp_path, again.begin()))

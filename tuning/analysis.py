@@ -73,7 +73,9 @@ def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) ->
     relative = np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.maximum(np.abs(levels), 1e-300)[:, None]
     solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
     goal = float(np.dot([g.value for g in objective.goals], levels[: len(objective.goals)]))
-    prices = [np.nan] * len(objective.goals) + [0.01 * float(p) / goal for p in solution.prices]
+    limits = levels[len(objective.goals) :]  # one that is not met has no price: the goal does not pay for it
+    paid = np.where(limits <= 1 + NEAR, 0.01 * solution.prices / goal, 0.0)
+    prices = [np.nan] * len(objective.goals) + paid.tolist()
     units = objective.units(reference)
     return [
         Standing(r, float(level * unit), float(level), slope, price)
@@ -84,9 +86,11 @@ def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) ->
 def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> Identifiability:
     """From the slopes of every metric that matters in every scenario, each relative to its own reference."""
     _, ok, slopes = model
-    table = slopes[:, :, ok] / np.maximum(tuner.reference[1], 1e-300)[None, :, None] * scale[:, None, None]
+    real = ok & (tuner.objective.shares(ok.size) > 0)
+    table = slopes[:, :, real] / tuner.objective.scale(tuner.reference)[None, :, None] * scale[:, None, None]
     matrix = table.reshape(len(scale), -1).T
-    _, strength, rows = np.linalg.svd(matrix / np.sqrt(len(matrix)), full_matrices=False)
+    _, found, rows = np.linalg.svd(matrix / np.sqrt(len(matrix)))
+    strength = np.pad(found, (0, len(scale) - len(found)))
     length = np.linalg.norm(matrix, axis=0)
     cosine = matrix.T @ matrix / np.maximum(np.outer(length, length), 1e-300)
     pairs = [(i, j, float(cosine[i, j])) for i in range(len(scale)) for j in range(i) if abs(cosine[i, j]) > ALIKE]
@@ -96,12 +100,16 @@ def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarr
 def conflict(tuner: Tuner, z: Any) -> list[tuple[Requirement, float, float]]:
     """Limits that cannot all be kept: each with its level and its share in what holds the excess up.
 
-    At the gains of least excess the slopes of these limits cancel: whatever lowers one raises another.
+    Where no change of the gains lowers the sum of excesses, the slopes of these limits cancel: what lowers one raises
+    another. Elsewhere there is nothing to show and the list is empty.
     """
     model = tuner.push(z, tuner.scenarios)
     objective = tuner.objective._replace(goals=tuple(g._replace(value=0.0) for g in tuner.objective.goals), penalty=1.0)
     levels = np.asarray(tuner.weigh(*model)[0].levels)[len(objective.goals) :]
-    prices = sqp.solve(model, objective, tuner.reference, radius=0.01).prices
+    solution = sqp.solve(model, objective, tuner.reference, radius=0.01)
+    if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
+        return []  # it could still be lowered: no conflict is shown
+    prices = solution.prices
     return [
         (r, float(level), float(price))
         for r, level, price in zip(objective.limits, levels, prices, strict=True)

@@ -49,10 +49,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         command = importlib.import_module(f".commands.{arguments.command}", __package__)  # late: --help needs no JAX
-        from .commands.common import InputError, RunFailed
+        from .commands.common import InputError, RunFailed, interrupts
 
         try:
-            return command.run(arguments)
+            with interrupts() as lost:
+                code = command.run(arguments)
+            if lost:  # and swallowed on the way
+                raise KeyboardInterrupt
+            return code
         except (InputError, RunFailed) as error:
             print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
             return 2 if isinstance(error, InputError) else 1

@@ -19,7 +19,7 @@ from . import runs
 from .ensemble import sample
 from .free import Free, default_bounds, stability_bounds, tunable
 from .markdown import grid, html
-from .objective import METRICS, Objective, within
+from .objective import METRICS, within
 from .optimise import SEQUENTIAL, Tuner
 from .paper.cases import LABELS, WORKERS, matched, problems
 from .paper.figures import caption
@@ -75,8 +75,8 @@ class Comparison:
         self.config, self.method = config, agvjax.INTEGRATORS[config.tune.integrator]
         self.seen = sample(config.scenario, draws, sizes.size, config.seed)
         self.unseen = sample(config.scenario, draws, sizes.validation_size, config.seed + 1)
-        goals = requirements(config.tune).goals
-        self.objective = Objective(goals, within(dict.fromkeys(BUDGET, 1.0)), 10.0)
+        limits = within(dict.fromkeys(BUDGET, 1.0))
+        self.objective = requirements(config.tune)._replace(limits=limits, penalty=10.0)
 
     def steps(self, dt: float) -> dict[str, Any]:
         """Timing of a rollout at this step."""
@@ -86,7 +86,9 @@ class Comparison:
     def budget(self) -> np.ndarray:
         """(3, M): statistics of the goals and of each command metric, of the configured law on the tuning set."""
         law = agvjax.check(self.config.controller)
-        values, ok = self.objective.values(agvjax.evaluate(law, self.seen, **self.steps(self.config.tune.dt)))
+        values, ok = self.objective.values(
+            agvjax.evaluate(law, self.seen, criteria=self.objective.criteria, **self.steps(self.config.tune.dt))
+        )
         return self.objective.reference(values, ok)
 
     def of(self, metric: str) -> list[float]:
@@ -95,7 +97,9 @@ class Comparison:
 
     def judge(self, law: Any) -> agvjax.Metrics:
         """Metrics on the validation scenarios."""
-        found = agvjax.evaluate(agvjax.check(law), self.unseen, **self.steps(self.config.simulate.dt))
+        found = agvjax.evaluate(
+            agvjax.check(law), self.unseen, criteria=self.objective.criteria, **self.steps(self.config.simulate.dt)
+        )
         return jax.tree.map(np.asarray, found)
 
     def tune(self, name: str, law: Any) -> Tuned:
@@ -280,7 +284,7 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
     said = "\n".join(f"* {line}" for line in statements(made))
     return f"""# Which law is better at the same command budget?
 
-Every law was tuned by the same tuner (sequential linear programming on the exact Jacobian) on the same {sizes.size}
+Every law was tuned by the same tuner (sequential quadratic programming on the exact Jacobian) on the same {sizes.size}
 scenarios, to the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
 mean and worst, no more than the proposed law needs there with its printed gains. The table is on
 {sizes.validation_size} scenarios that no law has seen. Event-triggered: tuned through its continuous law, judged held.

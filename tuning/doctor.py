@@ -46,12 +46,13 @@ class Diagnosis(NamedTuple):
     slopes: list[Slope]
     sick: list[Sick]
     diverged: int
+    bad: int  # runs that diverge, or whose metrics or slopes are not finite
     size: int
 
     @property
     def healthy(self) -> bool:
         """Whether everything can be trusted."""
-        return not self.sick and all(s.verdict != "DISAGREE" for s in self.slopes)
+        return not self.bad and all(s.verdict != "DISAGREE" for s in self.slopes)
 
 
 def diagnose(tuner: Tuner) -> Diagnosis:
@@ -61,7 +62,7 @@ def diagnose(tuner: Tuner) -> Diagnosis:
     bad = np.flatnonzero(~ok | ~np.isfinite(values).all(0) | ~np.isfinite(slopes).all((0, 1)))
     sick = [s for i in bad[:3] for s in [first_bad(tuner, int(i))] if s is not None]
     fine = ok.any() and np.isfinite(slopes).all()
-    return Diagnosis(list(_slopes(tuner, z)) if fine else [], sick, int((~ok).sum()), ok.size)
+    return Diagnosis(list(_slopes(tuner, z)) if fine else [], sick, int((~ok).sum()), bad.size, ok.size)
 
 
 def _slopes(tuner: Tuner, z: Any) -> Iterator[Slope]:
@@ -74,6 +75,7 @@ def _slopes(tuner: Tuner, z: Any) -> Iterator[Slope]:
     values, ok, slopes = tuner.push(z, tuner.scenarios)
     weights = jax.jit(jax.jacrev(level))(values, ok)
     here, scale = np.asarray(level(values, ok), float), tuner.free.scales(z)
+    here = np.where(here == 0, 1.0, here)  # what is 0 has no relative slope: absolute then
     gradient = np.einsum("rmb,kmb->rk", weights, slopes) * scale / here[:, None]
     accuracy = float(np.finfo(z.dtype).eps)
     steps, tolerance = accuracy ** np.array([0.25, 1 / 3, 0.42]), max(1e-4, 30 * accuracy**0.5)
@@ -114,7 +116,7 @@ def first_bad(tuner: Tuner, index: int) -> Sick | None:
         state = np.concatenate([np.asarray(trajectory.position), np.asarray(trajectory.velocity)], axis=1)
         held = np.all(state == state[-1], axis=1)
         step = int(len(held) - np.argmin(held[::-1])) if not held.all() else 0
-        return Sick(index, step, step * tuner.dt, "the vehicle's state, which passes scenario.limit and is held")
+        return Sick(index, step, step * tuner.dt, "the vehicle's state passes scenario.limit and is held")
     return None
 
 
@@ -125,15 +127,15 @@ def _not_finite(trajectory: Any, of: str, dt: float, index: int) -> Iterator[Sic
             rows = ~np.isfinite(array.reshape(len(array), -1)).all(1)
             if rows.any():
                 step = int(np.argmax(rows))
-                yield Sick(index, step, step * dt, of + jax.tree_util.keystr(path).lstrip("."))
+                yield Sick(index, step, step * dt, f"{of}{jax.tree_util.keystr(path).lstrip('.')} is not finite")
 
 
 def page(found: Diagnosis) -> str:
     """For a person."""
     lines = [f"{found.diverged} of {found.size} runs diverge with the starting gains."]
-    lines += [
-        f"Scenario {s.scenario}: not finite from step {s.step} on, t = {s.time:.4g} s: {s.what}." for s in found.sick
-    ]
+    lines += [f"Scenario {s.scenario}, step {s.step}, t = {s.time:.4g} s: {s.what}." for s in found.sick]
+    if found.bad > found.diverged:
+        lines.append(f"Of {found.bad - found.diverged} others metrics or slopes are not finite.")
     if found.slopes:
         rows = [
             [

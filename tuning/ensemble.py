@@ -11,7 +11,7 @@ import numpy as np
 import agvjax
 from agvjax.leaves import get
 
-TAIL = 1e-3  # of a distribution without an end, left out on either side of its box
+TAIL = 1e-3  # of a distribution, left out on either side of its box
 
 
 class Between(NamedTuple):
@@ -56,10 +56,11 @@ class Distribution(NamedTuple):
         if not isinstance(family, stats.rv_continuous):
             raise ValueError(f"scipy.stats has no continuous distribution {self.name}")
         try:
-            value = family(**self.parameters).ppf(share)
+            with np.errstate(all="ignore"):  # what comes of bad parameters is looked at below
+                value = family(**self.parameters).ppf(share)
         except TypeError as error:
             raise ValueError(f"{self.name} takes other parameters ({error})") from error
-        if np.any(np.isnan(value)):
+        if not np.all(np.isfinite(value[np.asarray(share) > 0] if np.ndim(share) else value)):
             raise ValueError(f"{self.name} is not defined for {dict(self.parameters)}")
         return value * nominal if self.times else value + 0 * nominal
 
@@ -79,10 +80,9 @@ Draw = Between | Times | Distribution | OneOf
 
 
 def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
-    """Smallest and largest value; where there is none, all but a `TAIL` of the draws."""
-    ends = tuple(draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (0.0, 1.0))
-    inner = tuple(draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (TAIL, 1 - TAIL))
-    low, high = (np.where(np.isfinite(end), end, near) for end, near in zip(ends, inner, strict=True))
+    """Smallest and largest value; of a distribution all but a `TAIL` of the draws on either side."""
+    tail = TAIL if isinstance(draw, Distribution) else 0.0
+    low, high = (draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (tail, 1 - tail))
     return low, high
 
 

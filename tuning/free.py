@@ -47,14 +47,16 @@ class Free(NamedTuple):
             jnp.asarray(np.where(fine, x, 0.0), z.dtype) for fine, x in ((low, self.lower), (high, self.upper))
         )
         cases = [low & high, low & ~high, ~low & high]
-        inside = lower + (upper - lower) * jax.nn.sigmoid(z)
+        edge = -0.9 * float(np.log(np.finfo(z.dtype).eps))  # beyond, a gain would lie on its bound
+        inside = lower + (upper - lower) * jax.nn.sigmoid(jnp.clip(z, -edge, edge))
         above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
         return jnp.select([jnp.asarray(c) for c in cases], [inside, lower + above, upper - below], z)
 
     def scales(self, z: Float[Array, " K"]) -> np.ndarray:
         """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
         x, slope = jax.jvp(self._gains, (z,), (jnp.ones_like(z),))
-        return np.asarray(x / slope)
+        moves = np.asarray(slope) != 0
+        return np.where(moves, np.asarray(x) / np.where(moves, slope, 1.0), 0.0)
 
     def problems(self, controller: Any) -> list[agvjax.Problem]:
         """Gains that do not lie strictly inside their bounds."""
@@ -63,7 +65,8 @@ class Free(NamedTuple):
             value = float(get(controller, name))
             if not low < value < high:
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
-                source = "its bounds and the stability conditions (48), (52), (70) for the smallest slope drawn"
+                source = "its bounds and those of what is tied to it; the stability conditions (48), (52), (70) for the"
+                source += " smallest slope drawn; what a step of tune.dt, or of 1 / tune.sample_rate, integrates"
                 found.append(agvjax.Problem(f"controller.{name}", value, rule, source))
         return found
 

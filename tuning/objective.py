@@ -20,7 +20,8 @@ def _sloped(true: Array, smooth: Array | None) -> Array:
     """The true value with the slope of its smooth stand-in, where there is one."""
     if smooth is None:
         return true
-    return smooth + jax.lax.stop_gradient(jnp.where(jnp.isfinite(true), true - smooth, 0.0))
+    fine = jnp.isfinite(true) & jnp.isfinite(smooth)
+    return smooth + jax.lax.stop_gradient(jnp.where(fine, true, 0.0) - jnp.where(fine, smooth, 0.0))
 
 
 def _settling(m: agvjax.Metrics) -> Array:
@@ -89,7 +90,7 @@ class Score(NamedTuple):
     cost: Float[Array, ""]  # goal + penalty
     goal: Float[Array, ""]
     excess: Float[Array, ""]  # largest share by which a limit is exceeded; 0 or less: all are met
-    latched: Float[Array, ""]  # runs that diverged
+    latched: Float[Array, ""]  # runs of the ensemble that diverged, without those that were added
     levels: Float[Array, " R"]  # of the requirements, see `Objective.levels`
 
 
@@ -97,8 +98,8 @@ class Objective(NamedTuple):
     """Minimise the goals, each times its weight, and keep the limits, over an ensemble.
 
     Goals are ratios to a `reference`: the same statistic of the same metric with the starting gains, or of another law.
-    Limits are multiples of that reference, or absolute. A run that diverged counts `latched` times the worst of the
-    reference and sends no gradient.
+    Limits are multiples of that reference, or absolute. A run that diverged counts `latched` times the `scale` of each
+    metric and sends no gradient.
     """
 
     goals: tuple[Requirement, ...] = (Requirement("rmse", "mean", 1.0), Requirement("rmse", "worst", 0.3))
@@ -174,9 +175,17 @@ class Objective(NamedTuple):
         ]
         return np.array([*(table[p] for p in self.places[: len(self.goals)]), *bounds[len(self.goals) :]])
 
+    def scale(self, reference: Any) -> np.ndarray:
+        """Of every metric (M,) the size that counts: the worst of the reference or, if larger, a limit's bound."""
+        size = np.array(np.asarray(reference)[1], float)
+        limits = slice(len(self.goals), None)
+        for (_, metric), bound in zip(self.places[limits], self.units(reference)[limits], strict=True):
+            size[metric] = max(size[metric], bound)
+        return size
+
     def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Float[Array, " R"]:
         """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
-        diverged = jnp.asarray(self.latched * np.asarray(reference)[1], values.dtype)
+        diverged = jnp.asarray(self.latched * self.scale(reference), values.dtype)
         found = self.statistics(jnp.where(ok, values, diverged[:, None]))
         rows, columns = (list(x) for x in zip(*self.places, strict=True))
         return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(reference), values.dtype)
@@ -187,4 +196,5 @@ class Objective(NamedTuple):
         goal = jnp.dot(jnp.asarray([g.value for g in self.goals], levels.dtype), levels[: len(self.goals)])
         over = levels[len(self.goals) :] - 1
         cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))
-        return Score(cost, goal, jnp.max(over, initial=-1.0), jnp.sum(~ok), levels)
+        counted = jnp.asarray(self.shares(ok.size) > 0)  # places that only the worst sees hold copies
+        return Score(cost, goal, jnp.max(over, initial=-1.0), jnp.sum(~ok & counted), levels)

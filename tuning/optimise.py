@@ -31,10 +31,10 @@ class Progress(NamedTuple):
 
     iteration: int
     z: Any  # free coordinates
-    optimiser: Any  # state of the optax chain, or of the sequential linear programme
+    optimiser: Any  # state of the optax chain, or of the sequential quadratic programme
     sound_z: Any  # where the last sound gradient was found
     best_z: Any
-    best: tuple[float, float]  # (excess beyond tolerance, goal) of best_z, compared in this order
+    best: tuple[float, float]  # (sum of excesses beyond tolerance, goal) of best_z, compared in this order
     best_iteration: int
     clipped: int  # gradients cut to the allowed norm so far
     backed_out: int  # iterations whose point was given up: no finite gradient, every run diverged, slopes of no use
@@ -202,7 +202,7 @@ class Tuner:
 
     @property
     def sequential(self) -> bool:
-        """Whether steps are linear programmes and not an optax optimiser's."""
+        """Whether steps are quadratic programmes and not an optax optimiser's."""
         return self.optimizer == SEQUENTIAL
 
     def begin(self, z: Any = None) -> Progress:
@@ -228,10 +228,12 @@ class Tuner:
         look = self.look(p.z, p.iteration, model)
         norm = float(jnp.linalg.norm(look.gradient))
         sound = bool(np.isfinite(norm)) and int(look.score.latched) < self.batch.size
-        sound = sound and (not self.sequential or sqp.usable(look.model, self.reference))
-        clipped = p.clipped + (sound and norm > self.clip and not self.sequential)
+        sound = sound and (not self.sequential or sqp.usable(look.model, self.objective.scale(self.reference)))
+        clips = not self.sequential and self.optimizer != first_order.QUASI_NEWTON
+        clipped = p.clipped + (sound and norm > self.clip and clips)
         score = look.rank or look.score
-        rank = (max(0.0, float(score.excess) - FEASIBLE), float(score.goal))
+        over = np.asarray(score.levels)[len(self.objective.goals) :] - 1
+        rank = (float(np.maximum(over - FEASIBLE, 0).sum()), float(score.goal))
         better = sound and rank < p.best
         rollouts = p.rollouts + 1 + p.z.size + (look.rank is not None)
         row = (p.iteration, *(float(s) for s in score[:4]), norm, clipped, p.backed_out + (not sound), rollouts)
@@ -257,7 +259,7 @@ class Tuner:
             z, state = sqp.step(p.optimiser, p.z, levels, look.model, self.objective, self.reference)
             return jnp.asarray(z, p.z.dtype), state
         if not sound:
-            return (p.z + p.sound_z) / 2, p.optimiser
+            return (p.z + p.sound_z) / 2 if bool(jnp.all(jnp.isfinite(p.z))) else p.sound_z, p.optimiser
         scenarios = self.scenarios if self.fresh is None else self.fresh(p.iteration)
         return self.update(look.gradient, p.optimiser, p.z, look.score.cost, scenarios)
 

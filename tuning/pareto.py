@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from .objective import Requirement, within
+from .objective import within
 from .optimise import FEASIBLE, Progress, Tuner
 from .problem import Posed
 
@@ -34,7 +34,7 @@ def front(
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
-    tuner = posed.tuner
+    tuner = _limited(posed.tuner, metric, 1.0)
     middle = int(np.argmin(np.abs(np.log(factors))))
     made: dict[int, tuple[Point, Progress]] = {}
     for i in [*range(middle, len(factors)), *reversed(range(middle))]:
@@ -58,14 +58,15 @@ def front(
         done(point)
     points = [made[i][0] for i in range(len(factors))]
     lower = np.minimum.accumulate([p.goal if p.met else np.inf for p in points])
-    return [p._replace(dominated=bool(p.goal > low * (1 + FEASIBLE))) for p, low in zip(points, lower, strict=True)]
+    worse = [bool(p.met and p.goal > low * (1 + FEASIBLE)) for p, low in zip(points, lower, strict=True)]
+    return [p._replace(dominated=d) for p, d in zip(points, worse, strict=True)]
 
 
 def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
     """The problem with mean and worst of a metric limited to so many times the starting gains'; compiled parts kept."""
-    limits = [r for r in tuner.objective.limits if r.metric != metric]
-    moved: tuple[Requirement, ...] = within({metric: factor})
-    objective = tuner.objective._replace(limits=(*limits, *moved))
+    moved = {r.statistic: r for r in within({metric: factor})}
+    limits = [moved.pop(r.statistic, r) if r.metric == metric else r for r in tuner.objective.limits]
+    objective = tuner.objective._replace(limits=(*limits, *moved.values()))
     kept = tuner.push if objective.names == tuner.objective.names else None
     return dataclasses.replace(tuner, objective=objective, prepared=kept)
 

@@ -184,7 +184,7 @@ class Reader:
         before = len(self.problems)
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
-            return found
+            return default_draws()
         for name, draw in _flat(given, DRAWS):
             read = _draw(draw)
             if read is None:
@@ -243,10 +243,11 @@ class Reader:
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return {}
-        for name, pair in given.items():
+        pairs = dict(_flat(given, ()))
+        for name, pair in pairs.items():
             if not _is_pair(pair):
                 self.wrong(f"{key}.{name}", pair, "[low, high] with low <= high")
-        return {name: (float(p[0]), float(p[1])) for name, p in given.items() if _is_pair(p)}
+        return {name: (float(p[0]), float(p[1])) for name, p in pairs.items() if _is_pair(p)}
 
 
 def _draw(given: Any) -> Draw | None:
@@ -260,7 +261,7 @@ def _draw(given: Any) -> Draw | None:
             return None
         return Distribution(given["distribution"], {name: float(value) for name, value in rest.items()}, times)
     kind, value = next(iter(given.items())) if len(given) == 1 else ("", [])
-    if kind in ("between", "times") and _is_pair(value):
+    if kind in ("between", "times") and _is_pair(value) and np.all(np.isfinite(value)):
         return {"between": Between, "times": Times}[kind](float(value[0]), float(value[1]))
     if kind == "one_of" and isinstance(value, list) and value and all(_number(x) for x in value):
         return OneOf(tuple(float(x) for x in value))

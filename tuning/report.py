@@ -12,6 +12,7 @@ import agvjax
 from agvjax import plot
 
 from .analysis import Findings, Standing
+from .ensemble import Distribution
 from .markdown import grid
 from .objective import METRICS, unit
 from .optimise import SEQUENTIAL
@@ -228,7 +229,8 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     settings, before, after = config.tune, verdict.before, verdict.after
     shown = tuple(dict.fromkeys([*SHOWN, *objective.names]))
     met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
-    starts = f" from {len(run.searches)} starts" if len(run.searches) > 1 else ""
+    places = len({row[1] for row in run.history if row[0] == 0})
+    starts = f" from {places} starts" if places > 1 else ""
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
     clipped = (
         ""
@@ -242,7 +244,9 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     )
     smooth = _smooth_note(objective.names)
     learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
-    said = "\n".join(f"* {line}" for line in [*statement(outcome.found), *_known(outcome)])
+    best = {r.metric: r.best for r in outcome.rounds if r.round == run.round}  # the ensemble lies in the box too
+    found = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
+    said = "\n".join(f"* {line}" for line in [*statement(found), *_known(outcome)])
     return f"""# Tuned gains
 
 {gains((*free.names, *free.tied), config.controller, outcome.controller, posed.stability)}
@@ -279,7 +283,7 @@ of the gain, at the tuned gains.
 {rounds(outcome.rounds)}
 
 The box holds every value that the ensemble can draw{_cut(posed)}; "worst in the ensemble" includes scenarios that
-earlier rounds added.
+earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ## How it went
 
@@ -318,9 +322,5 @@ def _smooth_note(names: Sequence[str]) -> str:
 
 
 def _cut(posed: Any) -> str:
-    endless = [
-        n
-        for n, d in posed.config.ensemble.draws.items()
-        if not all(np.all(np.isfinite(d.quantile(s, 1.0))) for s in (0.0, 1.0))
-    ]
-    return f", but for the outermost 0.1 % of {', '.join(endless)}" if endless else ""
+    tailed = [n for n, d in posed.config.ensemble.draws.items() if isinstance(d, Distribution)]
+    return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""

@@ -48,6 +48,8 @@ class Run(NamedTuple):
         ends: dict[tuple[float, float], float] = {}
         for row in self.history:
             ends[row[0], row[1]] = row[COLUMNS.index(name)]
+        if name == "rollouts":  # a search along a line adds to them after its row
+            ends |= {(self.round, i): p.rollouts for i, p in enumerate(self.searches)}
         return int(sum(ends.values()))
 
 
@@ -96,12 +98,16 @@ def solve(
     """
     run = begin(posed) if run is None else run
     posed = with_added(posed, run.added) if run.added else posed
-    settings = posed.config.tune.search
+    settings, before = posed.config.tune.search, None
     while True:
         while not all(posed.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(posed.tuner.advance_all(list(run.searches))))
             each(run)
         lead = run.lead
+        if lead.backed_out and lead.backed_out == lead.iteration - 1:
+            raise RuntimeError("every step led to where no gradient was of use: the gains are those of the start")
+        if np.isinf(lead.best[1]) and before is not None:
+            return before  # with what was found nothing could be looked at: the round before stands
         if np.isinf(lead.best[1]):
             raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
         searching()
@@ -110,8 +116,9 @@ def solve(
         names = posed.tuner.objective.names
         rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
         worse = [f for f, r in zip(found, rounds, strict=True) if f.value > (1 + settings.tolerance) * r.best]
+        before = Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
         if run.round >= settings.rounds or not worse:
-            return Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
+            return before
         posed, run = _again(posed, run, worse, rounds)
 
 

@@ -57,7 +57,7 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([repr(x) if isinstance(x, float) else x for x in row] for row in rows)
+    writer.writerows([repr(float(x)) if isinstance(x, float) else x for x in row] for row in rows)
     write(path, buffer.getvalue())
 
 

@@ -19,9 +19,20 @@ from .optimise import SEQUENTIAL, Tuner
 from .worst import Adversary
 
 VERSION = 1  # of the file format
+
+
+def _whole(low: int, high: float, most: str) -> Rule:
+    return Rule(f"a whole number from {low} to {most}", lambda x: (x >= low) & (x <= high) & (x == np.round(x)))
+
+
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
-WHOLE = Rule("a whole number from 0 to 2^53", lambda x: (x >= 0) & (x <= 2**53) & (x == np.round(x)))
+STARTS, ROUNDS = _whole(1, 1000, "1000"), _whole(0, 100, "100")
+MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
+RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
+WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
+FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
 MOST_STEPS = 1e8
+LEAST_LIMIT = 1e-9
 _GOAL = Objective()  # the defaults of the tuning problem live there, those of its solution in Tuner and Adversary
 CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
 CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "pareto.metric": tuple(METRICS)}
@@ -42,8 +53,8 @@ class Simulate:
 class Ensemble:
     """The scenarios to tune on and to validate on."""
 
-    size: int = number(64, "1", COUNT)
-    validation_size: int = number(256, "1", COUNT)
+    size: int = number(64, "1", MANY)
+    validation_size: int = number(256, "1", MANY)
     fresh: bool = False  # tune on scenarios drawn anew every iteration; judge, and rank, on a fixed set all the same
     draws: dict[str, Draw] = dataclasses.field(default_factory=default_draws)
 
@@ -52,9 +63,9 @@ class Ensemble:
 class Weights:
     """How much the statistics of a metric, each relative to the starting gains', weigh in the goal."""
 
-    mean: float = number(0.0, "1", NONNEGATIVE)
-    worst: float = number(0.0, "1", NONNEGATIVE)
-    cvar: float = number(0.0, "1", NONNEGATIVE)
+    mean: float = number(0.0, "1", WEIGHT)
+    worst: float = number(0.0, "1", WEIGHT)
+    cvar: float = number(0.0, "1", WEIGHT)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -81,11 +92,11 @@ def default_limits() -> dict[str, Limit]:
 class Search:
     """The search for the worst scenario, after tuning and between the rounds of it."""
 
-    rounds: int = number(0, "1", WHOLE)  # of tuning again with what was found; 0: search once and say what was found
-    starts: int = number(Adversary.starts, "per metric", COUNT)
-    iterations: int = number(Adversary.iterations, "1", COUNT)
-    scouts: int = number(Adversary.scouts, "samples to start from", COUNT)
-    checks: int = number(Adversary.checks, "samples besides", WHOLE)
+    rounds: int = number(0, "1", ROUNDS)  # of tuning again with what was found; 0: search once and say what was found
+    starts: int = number(Adversary.starts, "per metric", STARTS)
+    iterations: int = number(Adversary.iterations, "1", MANY)
+    scouts: int = number(Adversary.scouts, "samples to start from", MANY)
+    checks: int = number(Adversary.checks, "samples besides", SOME)
     tolerance: float = number(5e-3, "1", NONNEGATIVE)  # a scenario this much worse than any tuned on is worth a round
 
 
@@ -101,7 +112,7 @@ class Tune:
     limits: dict[str, Limit] = dataclasses.field(default_factory=default_limits)
     tail: float = number(_GOAL.tail, "share of the ensemble", FRACTION)
     stability_margin: float = number(1.0, "times what the stability conditions ask", POSITIVE)
-    sample_rate: float = number(0.0, "Hz, 0 for 1 / dt", NONNEGATIVE)
+    sample_rate: float = number(0.0, "Hz, 0 for 1 / dt", RATE)
     penalty: float = number(_GOAL.penalty, "1", NONNEGATIVE)
     dt: float = number(Tuner.dt, "s", POSITIVE)
     integrator: str = "rk4"
@@ -112,8 +123,8 @@ class Tune:
     iterations: int = number(Tuner.iterations, "1", COUNT)
     patience: int = number(Tuner.patience, "iterations", COUNT)
     clip: float = number(Tuner.clip, "norm of the gradient", POSITIVE)
-    starts: int = number(1, "1", COUNT)
-    spread: float = number(3.0, "times, either way", POSITIVE)  # of the gains of further starts about the configured
+    starts: int = number(1, "1", STARTS)
+    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains of further starts about the configured
     checkpoint_every: int = number(10, "iterations", COUNT)
     search: Search = Search()
 
@@ -125,7 +136,7 @@ class Pareto:
     metric: str = "effort"
     low: float = number(0.8, "times", POSITIVE)
     high: float = number(1.5, "times", POSITIVE)
-    points: int = number(8, "1", COUNT)
+    points: int = number(8, "1", STARTS)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -206,10 +217,16 @@ def _names(config: Config) -> list[agvjax.Problem]:
             found.append(agvjax.Problem("ensemble.draws", name, f"a leaf of the scenario{hint}"))
     if not config.ensemble.draws:
         found.append(agvjax.Problem("ensemble.draws", "{}", "at least one leaf of the scenario"))
+    if tune.search.scouts < tune.search.starts:
+        rule = f"at least tune.search.starts, {tune.search.starts}"
+        found.append(agvjax.Problem("tune.search.scouts", tune.search.scouts, rule))
     if config.pareto.low > config.pareto.high:
         found.append(agvjax.Problem("pareto.low", config.pareto.low, f"at most pareto.high, {config.pareto.high:g}"))
     if config.ensemble.fresh and tune.search.rounds:
         found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, "0 where ensemble.fresh is true"))
+    for name in tune.choices:
+        if not name.startswith("controller"):
+            found.append(agvjax.Problem(f"tune.choices.{name}", tune.choices[name], "of a key of the controller"))
     if tune.choices and tune.search.rounds:
         found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, "0 where tune.choices are given"))
     if tune.optimizer == SEQUENTIAL:
@@ -246,13 +263,17 @@ def _tied(tune: Tune, gains: Any) -> list[agvjax.Problem]:
 def _requirements(tune: Tune) -> list[agvjax.Problem]:
     """Goals that ask nothing, and limits that nothing can keep."""
     found = []
-    if not any(weight > 0 for weights in tune.goals.values() for weight in vars(weights).values()):
+    if not any(weight != 0 for weights in tune.goals.values() for weight in vars(weights).values()):
         found.append(agvjax.Problem("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
+    asked = [*tune.goals.values(), *(limit for limit in tune.limits.values() if np.isfinite(limit.worst))]
+    if tune.search.rounds and not any(part.worst for part in asked):
+        rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
+        found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, rule))
     for name, limit in tune.limits.items():
-        bad = {statistic: getattr(limit, statistic) for statistic in STATISTICS if not getattr(limit, statistic) > 0}
+        bad = {s: getattr(limit, s) for s in STATISTICS if not getattr(limit, s) >= LEAST_LIMIT}
         for statistic, value in bad.items():
             key = f"tune.limits.{name}" + ("" if len(bad) > 1 and len(set(bad.values())) == 1 else f".{statistic}")
-            rule = "> 0, a ratio to the starting gains or with absolute = true the value itself; inf for none"
+            rule = f">= {LEAST_LIMIT:g}, a ratio to the starting gains or with absolute = true the value; inf for none"
             found.append(agvjax.Problem(key, value, rule))
     return found
 

@@ -18,7 +18,8 @@ from scipy import sparse
 from .objective import Objective
 
 FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-4  # of the trust region, in the free coordinates: logarithms of the gains
-FLATTEST = 1e-3  # curvature to begin with, and at least
+FLATTEST = 1e-3  # curvature to begin with
+SHRINK = 0.4  # of the region after a step that did not keep its promise
 LEAST = 1e-5  # share of the cost that a step must promise
 STEEPEST = 1e4  # a metric that changes by so many times its reference per unit says nothing of the neighbourhood
 DEAREST = 1e4  # penalty beyond which limits that are not met cannot be
@@ -72,9 +73,9 @@ class Solution(NamedTuple):
     weights: np.ndarray  # (M, B), of the metrics in the Lagrangian
 
 
-def usable(model: Any, reference: Any) -> bool:
-    """Whether slopes (K, M, B) are slopes and not the sensitivity of a chattering run."""
-    slopes = np.asarray(model[2]) / np.maximum(np.asarray(reference)[1], 1e-300)[:, None]
+def usable(model: Any, scale: np.ndarray) -> bool:
+    """Whether slopes (K, M, B) of metrics of a `scale` (M,) are slopes and not the sensitivity of a chattering run."""
+    slopes = np.asarray(model[2]) / scale[:, None]
     return bool(np.all(np.abs(slopes) < STEEPEST))  # False for NaN too
 
 
@@ -99,15 +100,20 @@ def step(state: State, z: Any, levels: Any, model: Any, objective: Objective, re
         before, cost = (float(g + state.penalty * o) for g, o in ((state.goal, state.over), (goal, over)))
         share = (before - cost) / max(float(state.promised), 1e-300) if moved else -1.0
         moved = share > 0.05
-        radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
+        radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else SHRINK
     if levels is not None:
-        values, ok, slopes = (np.asarray(x) for x in model)
+        values, ok, slopes = np.asarray(model[0], float), np.asarray(model[1]), np.asarray(model[2], float)
         if not first:
             bend = np.tensordot(np.where(ok & state.ok, slopes - state.slopes, 0.0), state.weights, axes=2)
             state = state._replace(hessian=curved(state.hessian, np.asarray(z) - state.center, bend))
         if moved:
             state = state._replace(
-                center=np.asarray(z), goal=np.array(goal), over=np.array(over), values=values, ok=ok, slopes=slopes
+                center=np.asarray(z, float),
+                goal=np.array(goal),
+                over=np.array(over),
+                values=values,
+                ok=ok,
+                slopes=slopes,
             )
     if np.isinf(state.goal):
         return z, state._replace(radius=np.array(0.0))
@@ -117,12 +123,17 @@ def step(state: State, z: Any, levels: Any, model: Any, objective: Objective, re
 def _look(state: State, radius: float, objective: Objective, reference: Any) -> tuple[Any, State]:
     """Where to look next; where nothing is left to gain and limits are not met, at a higher penalty."""
     model = (state.values, state.ok, state.slopes)
-    found = solve(model, objective._replace(penalty=float(state.penalty)), reference, radius, state.hessian)
+    try:
+        found = solve(model, objective._replace(penalty=float(state.penalty)), reference, radius, state.hessian)
+    except RuntimeError:
+        if radius < SMALLEST:
+            raise
+        return _look(state, SHRINK * radius, objective, reference)
     cost = float(state.goal + state.penalty * state.over)
     promised = cost - found.cost
     if promised <= LEAST * abs(cost) or radius < SMALLEST:
         if state.over > 1e-4 and state.penalty < DEAREST:
-            return _look(state._replace(penalty=10 * state.penalty), FIRST, objective, reference)
+            return _look(state._replace(penalty=np.maximum(10 * state.penalty, 1.0)), FIRST, objective, reference)
         radius = 0.0
     state = state._replace(radius=np.array(radius), promised=np.array(promised), weights=found.weights)
     return state.center + found.change, state
@@ -158,7 +169,7 @@ def solve(
     values, ok, slopes = (np.asarray(x, float) for x in model)
     ok = ok.astype(bool)
     count, _, scenarios = slopes.shape
-    diverged = objective.latched * np.asarray(reference)[1]
+    diverged = objective.latched * objective.scale(reference)
     values, slopes = np.where(ok, values, diverged[:, None]), np.where(ok, slopes, 0.0)
     units, shares = objective.units(reference), objective.shares(scenarios)
     goals, limits = len(objective.goals), len(objective.limits)
@@ -221,12 +232,13 @@ def solve(
 
 def _quadratic(hessian: np.ndarray, cost: np.ndarray, matrix: np.ndarray, room: np.ndarray) -> Any:
     """Unknowns, duals and value of: minimise x' hessian x / 2 + cost' x subject to matrix x <= room."""
-    settings = clarabel.DefaultSettings()
+    settings = clarabel.DefaultSettings()  # pyright: ignore[reportAttributeAccessIssue]
     settings.verbose = False
     settings.max_threads = 1
-    cones = [clarabel.NonnegativeConeT(len(room))]
+    cones = [clarabel.NonnegativeConeT(len(room))]  # pyright: ignore[reportAttributeAccessIssue]
     upper = sparse.triu(sparse.csc_matrix(hessian)).tocsc()
-    found = clarabel.DefaultSolver(upper, cost, sparse.csc_matrix(matrix), room, cones, settings).solve()
+    rows = sparse.csc_matrix(matrix)
+    found = clarabel.DefaultSolver(upper, cost, rows, room, cones, settings).solve()  # pyright: ignore
     if str(found.status) not in ("Solved", "AlmostSolved"):
         raise RuntimeError(f"the linearised tuning problem could not be solved: {found.status}")
     return np.array(found.x), np.array(found.z), float(found.obj_val)

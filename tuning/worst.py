@@ -19,6 +19,7 @@ from agvjax.leaves import get
 from .ensemble import Draw, OneOf, box, sample
 from .optimise import Tuner
 
+TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
 CHUNK = 128  # scenarios looked at together, so that one compilation serves any number
 FIRST, LEAST, MOST = 0.25, 1e-3, 0.5  # steps of the ascent, as shares of the box
@@ -78,9 +79,9 @@ class Adversary:
     draws: Mapping[str, Draw]
     metrics: tuple[str, ...]
     seed: int = 0
-    scouts: int = 128  # samples among whose worst the ascents start
-    starts: int = 3  # ascents for each metric
-    iterations: int = 20
+    scouts: int = 256  # samples among whose worst the ascents start
+    starts: int = 7  # ascents for each metric
+    iterations: int = 8
     checks: int = 10_000  # samples that the final statement rests on besides
     climbing: Callable[[Any, Any], Any] | None = None  # `climb` and `look` of this very problem, compiled before
     looking: Callable[[Any, Any], Any] | None = None
@@ -130,8 +131,9 @@ class Adversary:
         rows = [self.tuner.objective.names.index(metric) for metric in self.metrics]
         scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
         seen = self._values(z, scouts)[rows]  # (W, scouts)
-        first = np.argsort(-seen, axis=1)[:, : self.starts]
-        u = jnp.asarray(self.box.shares({n: np.asarray(v)[first.ravel()] for n, v in scouts.items()}))
+        places = self.box.shares(scouts)
+        first = np.concatenate([_apart(places, value, self.starts) for value in seen])
+        u = places[first]
         row = np.repeat(rows, self.starts)
         u, best = self._ascend(z, jnp.asarray(u, z.dtype), row)
         leaves = self.box.leaves(jnp.asarray(u))
@@ -146,7 +148,7 @@ class Adversary:
                 if some is not None and many is not None and some[w].max() > value:
                     value, j = float(some[w].max()), int(np.argmax(some[w]))
                     scenario = {n: np.asarray(x)[j] for n, x in many.items()}
-            ascent = self.starts * self.iterations * (1 + self.box.low.size)
+            ascent = self.checks + self.starts * self.iterations * (1 + self.box.low.size)
             found.append(Found(metric, value, scenario, self.starts, self.scouts + self.checks, self.scouts + ascent))
         return found
 
@@ -178,6 +180,16 @@ class Adversary:
             slope = np.asarray(slopes)[:, row, lanes].T * self.box.moves
             u, state = move(u, state, jnp.asarray(slope))
         return at, best
+
+
+def _apart(places: np.ndarray, values: np.ndarray, count: int) -> list[int]:
+    """Where to start: the worst of the samples (S, D), then those of the worst tenth that lie furthest apart."""
+    order = np.argsort(-values)[: max(count, len(values) // TENTH)]
+    chosen = [int(order[0])]
+    while len(chosen) < count:
+        gaps = np.linalg.norm(places[order][:, None] - places[chosen][None], axis=2).min(axis=1)
+        chosen.append(int(order[np.argmax(gaps)]))
+    return chosen
 
 
 def statement(found: Sequence[Found]) -> list[str]:

@@ -50,10 +50,17 @@ def configure(arguments: argparse.Namespace) -> Config:
     jax.config.update("jax_enable_x64", config.precision == 64)
     startup.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
-    said = agvjax.tune_xla(reverse=arguments.command == "tune" and way == "reverse")
+    said = agvjax.tune_xla(reverse=arguments.command in ("tune", "pareto") and way == "reverse")
     if not said.startswith("fast"):
         say(arguments, f"note: {said}")
     return config
+
+
+def unasked(config: Config) -> None:
+    """Refuse choices where only one problem is looked at."""
+    if config.tune.choices:
+        rule = "absent: only `agvjax tune` tries them; set one of each in [controller]"
+        raise InputError([agvjax.Problem("tune.choices", list(config.tune.choices), rule)])
 
 
 def warn(arguments: argparse.Namespace, config: Config, *sections: str) -> None:
@@ -94,7 +101,8 @@ def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
     try:
         before = (out / "config.toml").read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
-        raise InputError([agvjax.Problem("--resume", arguments.out, "used with --out, the folder of a run")]) from error
+        rule = "used with --out, the folder of a run: there is no config.toml in it"
+        raise InputError([agvjax.Problem("--resume", arguments.out, rule)]) from error
     old, new = before.splitlines(), configuration.dump(config).splitlines()
     if old and old != new:
         changed = [f"was `{line}`" for line in old if line not in new] + [

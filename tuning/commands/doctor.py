@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from .. import config as configuration
 from .. import doctor, runs
 from ..problem import pose
-from .common import RunFailed, configure, new_folder, say, warn
+from ..settings import Search
+from .common import RunFailed, configure, new_folder, say, unasked, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Examine the configured problem at its starting gains; 1 if something is not right."""
     config = configure(arguments)
-    posed = pose(config)
+    unasked(config)
+    alone = dataclasses.replace(config.tune, search=Search())  # no places for what a search might add
+    posed = pose(dataclasses.replace(config, tune=alone))
     out = new_folder(arguments)
     runs.write(out / "config.toml", configuration.dump(config))
     warn(arguments, config, "tune")

@@ -15,13 +15,14 @@ from .. import pareto, runs
 from ..markdown import grid
 from ..objective import METRICS
 from ..problem import pose
-from .common import RunFailed, configure, new_folder, say, warn
+from .common import RunFailed, configure, new_folder, say, unasked, warn
 from .tune import compiled, judged, validation
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
     config = configure(arguments)
+    unasked(config)
     posed = pose(config)
     out = new_folder(arguments)
     warn(arguments, config, "tune", "simulate")
@@ -50,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     header += [f"{s} {m}" for m in (settings.metric, goal) for s in ("mean", "worst")] + list(names)
     runs.write_csv(out / "pareto.csv", header, rows)
     runs.write_figure(out / "pareto.png", pareto.figure(points, uses, errors, settings.metric, goal))
-    for p in points:
-        runs.write(out / f"gains-{p.factor:.3f}.toml", configuration.gains_table(p.controller))
+    for i, p in enumerate(points):
+        runs.write(out / f"gains-{i}.toml", configuration.gains_table(p.controller))
     say(arguments, grid(header, rows), f"front, figure and gains written to {out}")
     if not any(p.met for p in points):
         raise RunFailed("the limits could be met at no point of the front")

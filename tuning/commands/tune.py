@@ -70,10 +70,10 @@ def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) ->
     runs.write(out / "config.toml", configuration.dump(posed.config))
     try:
         outcome = _solve(arguments, compiled(posed), begun, out)
+        say(arguments, "judging on tuning and validation scenarios ...")
+        return outcome, _conclude(arguments, outcome, out)
     except RuntimeError as error:
         raise RunFailed(str(error)) from error
-    say(arguments, "judging on tuning and validation scenarios ...")
-    return outcome, _conclude(arguments, outcome, out)
 
 
 def _choose(arguments: argparse.Namespace, config: Config) -> int:
@@ -94,21 +94,26 @@ def _choose(arguments: argparse.Namespace, config: Config) -> int:
         label = ", ".join(f"{key} = {value}" for key, value in more.items())
         say(arguments, f"choice {i + 1} of {len(combinations)}: {label}")
         posed = posed.to(budget)
-        outcome, found = _tune(arguments, posed, _begun(posed, folder), folder)
+        try:
+            outcome, found = _tune(arguments, posed, _begun(posed, folder), folder)
+        except RunFailed as error:
+            rows.append([folder.name, f"{label}: {error}", np.inf, "no", *[""] * len(posed.tuner.free.names)])
+            continue
         budget = outcome.posed.tuner.reference if budget is None else budget
-        rank = outcome.progress.best
+        rank = (bool(found.over), *outcome.progress.best)
         rows.append(
             [
                 folder.name,
                 label,
-                rank[1],
+                rank[2],
                 "yes" if not found.over else "no",
                 *outcome.posed.tuner.gains(outcome.progress.best_z),
             ]
         )
         if best is None or rank < best[0]:
             best = (rank, folder, found.over)
-    assert best is not None
+    if best is None:
+        raise RunFailed("no choice could be tuned: " + "; ".join(str(row[1]) for row in rows))
     names = problems[0].tuner.free.names
     same = all(p.tuner.free.names == names for p in problems)
     text = grid(
@@ -166,12 +171,16 @@ def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> 
             runs.save(out, run)
 
     def searching() -> None:
+        if lost:
+            raise KeyboardInterrupt
         bar.refresh()
         say(arguments, "\nlooking for the worst scenario ...")
 
     try:
         with interrupts() as lost:
             outcome = solve(posed, run, each, searching)
+            if lost:
+                raise KeyboardInterrupt
         latest[0] = outcome.run
         return outcome
     finally:  # also on Ctrl-C: the folder then holds the best gains so far, and --resume goes on
@@ -179,7 +188,8 @@ def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> 
         if latest[0].lead.history:
             runs.save(out, latest[0])
             runs.write_history(out, names, latest[0])
-            runs.write(out / "gains.toml", configuration.gains_table(tuner.best(latest[0].lead)))
+            if np.isfinite(latest[0].lead.best[1]):
+                runs.write(out / "gains.toml", configuration.gains_table(tuner.best(latest[0].lead)))
 
 
 def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
@@ -231,7 +241,8 @@ def _both(posed: Posed) -> tuple[agvjax.Batch, agvjax.Batch]:
 def unmet(posed: Posed, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
     objective = posed.tuner.objective
-    reference = objective.reference(*objective.values(before))
+    given = posed.tuner.budget
+    reference = objective.reference(*objective.values(before)) if given is None else given
     levels = np.asarray(objective.levels(*objective.values(after), reference))[len(objective.goals) :]
     bounds = objective.units(reference)[len(objective.goals) :]
     return [
@@ -247,6 +258,8 @@ def _conflict(posed: Posed, z: Any) -> list[str]:
         return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
     parts = analysis.conflict(posed.tuner, z)
     against = [r.name for r, _, price in parts if price > 1e-6]
+    if not parts:
+        return ["The excess could still be lowered where the search ended: more iterations may meet them."]
     if len(against) < 2:
         return []
     return [f"These limits are in conflict, lowering one raises another: {', '.join(against)}."]
