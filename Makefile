@@ -49,7 +49,7 @@ types: $(VENV)/.installed-dev ## pyright
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 notebooks: $(VENV)/.installed-dev ## run every notebook from start to end
-	$(BIN)/pytest --nbmake notebooks/
+	$(BIN)/pytest --nbmake -n $(JOBS) notebooks/
 
 format: $(VENV)/.installed-dev ## mend what ruff and nbstripout can mend by themselves
 	$(BIN)/ruff check --fix --exit-zero --quiet

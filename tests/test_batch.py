@@ -134,6 +134,7 @@ def test_a_diverging_run_leaves_forward_derivatives_alone(kind, derivatives):
         np.testing.assert_allclose(got[name], value, rtol=1e-9, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BAD)
 def test_a_diverging_run_leaves_reverse_derivatives_alone(kind, derivatives):
     gains, own = derivatives[1](GAINS, SOUND, WEIGHTS)

@@ -360,7 +360,7 @@ BAD = {
     "unknown option of the optimiser": ("tune.options.momentun=1", ("tune.options", "momentun", "empty")),
     "unknown metric to minimise": ("tune.goals.rsme=1", ("tune.goals.rsme", "rmse")),
     "unknown metric to limit": ("tune.limits.rsme=1", ("tune.limits.rsme", "rmse")),
-    "limit 0": ("tune.limits.effort=0", ("tune.limits.effort", "> 0")),
+    "limit 0": ("tune.limits.effort=0", ("tune.limits.effort", ">= 1e-09")),
     "unknown gain": ('tune.gains=["k9"]', ("tune.gains", "k9", "k1")),
     "no gain": ("tune.gains=[]", ("tune.gains", "[]")),
     "iterations 0": ("tune.iterations=0", ("tune.iterations", ">= 1")),

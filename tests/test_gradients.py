@@ -58,11 +58,13 @@ def test_forward_mode_is_the_slope_of_the_cost(forward):
     assert (np.abs(forward[[*range(7), *range(13, 21)]]) > 1e-5).all()  # all but the adaptation's, which hardly matter
 
 
+@pytest.mark.slow
 def test_reverse_mode_is_forward_mode(forward):
     reverse = np.asarray(jax.grad(of_logs)(jnp.zeros(forward.size)))
     np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-10 * np.abs(forward).max())
 
 
+@pytest.mark.slow
 def test_an_integer_gain_can_be_differentiated_after_check():
     controller = check(NeuroBackstepping(k1=25))  # jax.grad refuses an integer
 

@@ -499,6 +499,7 @@ def test_an_ensemble_in_which_every_run_diverges_is_refused():
         tuner.advance(tuner.begin())
 
 
+@pytest.mark.slow
 def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at(small):
     tuner = small_tuner(optimizer="lbfgs", prepared=small.push, iterations=4, objective=Objective(GOALS[:1], ()))
     p = iterate(tuner, tuner.begin())
