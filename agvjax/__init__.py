@@ -22,6 +22,8 @@ silent or contradicts itself is marked `reading R..` where it matters.
 | `gamma1, gamma2, eta1, eta2, b1, b2` | the same | adaptation, eqs. (41), (45), (63), (67) |
 """
 
+from ._pytree import number as number
+from ._pytree import pytree as pytree
 from .check import InputError as InputError
 from .check import Problem as Problem
 from .check import check as check

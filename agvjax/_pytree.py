@@ -50,5 +50,25 @@ def pytree(cls: type[T]) -> type[T]:
     """Make a class a frozen keyword-only dataclass that JAX treats as a tree of its fields.
 
     Nothing is validated or cast on construction: JAX rebuilds these objects around tracers. See `agvjax.check`.
+
+    Not by `jax.tree_util.register_dataclass`: JAX from 0.10 to 0.12 takes trees for equal that differ only in the
+    types of such nodes, so that now and then `jit` runs on one vehicle what was compiled for another.
     """
-    return jax.tree_util.register_dataclass(dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(cls))  # pyright: ignore
+    made: Any = dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(cls)
+    fields = dataclasses.fields(made)
+    leaves = tuple(f.name for f in fields if not f.metadata.get("static"))
+    statics = tuple(f.name for f in fields if f.metadata.get("static"))
+    keys = tuple(map(jax.tree_util.GetAttrKey, leaves))
+
+    def flatten(x: Any) -> Any:
+        return tuple(getattr(x, name) for name in leaves), tuple(getattr(x, name) for name in statics)
+
+    def flatten_with_keys(x: Any) -> Any:
+        children, static = flatten(x)
+        return tuple(zip(keys, children, strict=True)), static
+
+    def unflatten(static: Any, children: Any) -> T:
+        return made(**dict(zip(leaves, children, strict=True)), **dict(zip(statics, static, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(made, flatten_with_keys, unflatten, flatten)
+    return made

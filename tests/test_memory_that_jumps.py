@@ -17,15 +17,14 @@ from agvjax import (
     NeuroBackstepping,
     NoDisturbance,
     Scenario,
+    pytree,
     simulate,
 )
-from agvjax._pytree import pytree
 from agvjax.scenario import paper_deadzones
 from reference import Parameters
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sampled:
     """A law that looks only at control instants: it holds its command and steps the inner law's state by Euler."""
 
@@ -74,7 +73,7 @@ def test_sampled_law_is_the_hand_written_loop(every):
     dt, n_steps = 5e-4, 1000
     states, commands = sampled_by_hand(Parameters(), dt, every, n_steps)
     run = simulate(
-        Sampled(NeuroBackstepping()), Scenario(), dt=dt, n_steps=n_steps, control_every=every, integrator=EULER
+        Sampled(inner=NeuroBackstepping()), Scenario(), dt=dt, n_steps=n_steps, control_every=every, integrator=EULER
     )
     np.testing.assert_allclose(run.command, commands, rtol=0, atol=1e-8)
     np.testing.assert_allclose(np.column_stack([run.position, run.velocity, run.heading]), states[:, :5], atol=1e-9)
@@ -88,7 +87,7 @@ def test_sampled_law_tends_to_the_continuous_law():
     exact = reference.solve(Parameters(), horizon=0.2, times=[0.0, 0.1])[1][1, :5]
     off = []
     for dt, at in ((2e-4, 500), (1e-4, 1000)):
-        run = simulate(Sampled(NeuroBackstepping()), Scenario(), dt=dt, n_steps=1000)
+        run = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), dt=dt, n_steps=1000)
         end = np.array([*run.position[at], *run.velocity[at], run.heading[at]])
         off.append(np.abs(end - exact).max())
     assert off[1] < 0.02
@@ -97,8 +96,8 @@ def test_sampled_law_tends_to_the_continuous_law():
 
 def test_memory_jumps_when_saving_less_often_too():
     every = {"dt": 1e-3, "n_steps": 200, "control_every": 5}
-    fine = simulate(Sampled(NeuroBackstepping()), Scenario(), **every)
-    coarse = simulate(Sampled(NeuroBackstepping()), Scenario(), save_every=8, **every)
+    fine = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), **every)
+    coarse = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), save_every=8, **every)
     np.testing.assert_allclose(coarse.position, fine.position[::8], atol=1e-13)
     # the command that is saved is the one in force: where saving and control instants meet, the new one
     np.testing.assert_allclose(coarse.command, fine.command[::8], atol=1e-10)

@@ -1,5 +1,7 @@
 """The parts one at a time: deadzone, network, paths, headings, coupling, angles, disturbances, integrators, checks."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -424,3 +426,20 @@ def test_a_run_that_has_not_settled_counts_its_horizon_with_the_slope_of_the_tim
     np.testing.assert_allclose(smooth, t[-1], rtol=1e-3)
     assert settling(0.8 * jnp.exp(-t / 2.0), t, smooth=False)[1] is None
     assert jax.jacfwd(lambda a: settling(0.8 * jnp.exp(-t / a), t)[1])(0.9) > 0.5
+
+
+def test_no_two_classes_have_the_same_structure():
+    """Else `jit` may run on one what was compiled for the other: empty choices of a form differ in their type alone."""
+    classes = {c for c in vars(agvjax).values() if isinstance(c, type) and hasattr(c, "__dataclass_fields__")}
+    empty = [c for c in classes if not jax.tree.leaves(made(c))]
+    assert {KinematicYawRate, ForwardSpeed, TurnedVelocity, Bearing, Tangent} <= set(empty)
+    structures = [jax.tree.structure(made(c)) for c in classes]
+    assert len(structures) > 20
+    assert all(a != b for i, a in enumerate(structures) for b in structures[:i])
+
+
+def made(kind):
+    """An object of a class, its fields without default filled with nothing."""
+    fields = kind.__dataclass_fields__.values()
+    missing = [f.name for f in fields if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING]
+    return kind(**dict.fromkeys(missing, ()))

@@ -74,8 +74,7 @@ def tuned(config):
 # ---------------------------------------------------------------------------------------------------------- any law
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@agvjax.pytree
 class Proportional:
     """A law as a user would write it: plain fields, no rule, no bounds, a gain that may be negative."""
 
@@ -259,14 +258,13 @@ def test_what_is_learned_agrees_with_differences():
 def test_gains_that_do_the_same_are_named_alike():
     """A law in which two gains only enter as their product."""
 
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
+    @agvjax.pytree
     class Twice(Proportional):
         again: float = 1.0
 
         def law(self, flow, held, measurement, reference):
-            return Proportional(self.stiffness, self.damping, self.turn * self.again, self.lean).law(
-                flow, held, measurement, reference
+            return Proportional.law(
+                dataclasses.replace(self, turn=self.turn * self.again), flow, held, measurement, reference
             )
 
     posed = pose(problem(Twice(), gains=("turn", "again", "damping"), iterations=1))
@@ -303,8 +301,7 @@ def wrong_slope(x):
 wrong_slope.defjvp(lambda x, dx: (x[0], 1.5 * dx[0]))
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@agvjax.pytree
 class Misled(Proportional):
     """Its derivative is not its own."""
 
@@ -323,8 +320,7 @@ def test_a_wrong_gradient_is_found():
 
 
 def test_the_first_step_without_a_finite_slope_is_named():
-    @jax.tree_util.register_dataclass
-    @dataclasses.dataclass(frozen=True)
+    @agvjax.pytree
     class Root(Proportional):
         def law(self, flow, held, measurement, reference):
             command, rate = Proportional.law(self, flow, held, measurement, reference)

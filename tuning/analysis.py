@@ -67,10 +67,7 @@ def analyse(tuner: Tuner, z: Any) -> Findings:
 def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
     """Of every requirement: its level, its slope in every gain, and of a limit its price."""
     objective, reference = tuner.objective, tuner.reference
-    values, ok, slopes = model
-    level = jax.jit(lambda v: (objective.levels(v, jnp.asarray(ok), reference),) * 2)
-    weights, levels = (np.asarray(x) for x in jax.jit(jax.jacrev(level, has_aux=True))(jnp.asarray(values)))
-    relative = np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.maximum(np.abs(levels), 1e-300)[:, None]
+    levels, relative = relative_slopes(tuner, model, scale)
     solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
     goal = float(np.dot([g.value for g in objective.goals], levels[: len(objective.goals)]))
     limits = levels[len(objective.goals) :]  # one that is not met has no price: the goal does not pay for it
@@ -81,6 +78,17 @@ def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) ->
         Standing(r, float(level * unit), float(level), slope, price)
         for r, level, unit, slope, price in zip(objective.requirements, levels, units, relative, prices, strict=True)
     ]
+
+
+def relative_slopes(tuner: Tuner, model: tuple[Any, ...], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Levels of the requirements (R,) and their relative change per relative change of each gain (R, K).
+
+    A level of zero has no relative change: there it is the absolute one.
+    """
+    values, ok, slopes = model
+    level = jax.jit(lambda v: (tuner.objective.levels(v, jnp.asarray(ok), tuner.reference),) * 2)
+    weights, levels = (np.asarray(x) for x in jax.jit(jax.jacrev(level, has_aux=True))(jnp.asarray(values)))
+    return levels, np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.where(levels == 0, 1.0, levels)[:, None]
 
 
 def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> Identifiability:

@@ -13,6 +13,7 @@ import numpy as np
 import agvjax
 from agvjax.leaves import cast
 
+from .analysis import relative_slopes
 from .markdown import grid
 from .optimise import Tuner
 
@@ -58,33 +59,31 @@ class Diagnosis(NamedTuple):
 def diagnose(tuner: Tuner) -> Diagnosis:
     """Gradients against finite differences, and the first step of every run that is not finite, up to three runs."""
     z = tuner.free.coordinates(tuner.controller)
-    values, ok, slopes = (np.asarray(x) for x in tuner.push(z, tuner.scenarios))
+    values, ok, slopes = model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios))
     bad = np.flatnonzero(~ok | ~np.isfinite(values).all(0) | ~np.isfinite(slopes).all((0, 1)))
     sick = [s for i in bad[:3] for s in [first_bad(tuner, int(i))] if s is not None]
     fine = ok.any() and np.isfinite(slopes).all()
-    return Diagnosis(list(_slopes(tuner, z)) if fine else [], sick, int((~ok).sum()), bad.size, ok.size)
+    return Diagnosis(list(_slopes(tuner, z, model)) if fine else [], sick, int((~ok).sum()), bad.size, ok.size)
 
 
-def _slopes(tuner: Tuner, z: Any) -> Iterator[Slope]:
+def _slopes(tuner: Tuner, z: Any, model: Any) -> Iterator[Slope]:
     objective, reference, names = tuner.objective, tuner.reference, tuner.free.names
     level = jax.jit(lambda values, ok: objective.levels(values, ok, reference))
 
     def levels(at: Any) -> np.ndarray:
         return np.asarray(level(*tuner.roll(at, tuner.scenarios)), float)
 
-    values, ok, slopes = tuner.push(z, tuner.scenarios)
-    weights = jax.jit(jax.jacrev(level))(values, ok)
-    here, scale = np.asarray(level(values, ok), float), tuner.free.scales(z)
-    here = np.where(here == 0, 1.0, here)  # what is 0 has no relative slope: absolute then
-    gradient = np.einsum("rmb,kmb->rk", weights, slopes) * scale / here[:, None]
+    scale = tuner.free.scales(z)
+    here, gradient = relative_slopes(tuner, model, scale)
+    per = scale / np.where(here == 0, 1.0, here)[:, None]
     accuracy = float(np.finfo(z.dtype).eps)
     steps, tolerance = accuracy ** np.array([0.25, 1 / 3, 0.42]), max(1e-4, 30 * accuracy**0.5)
     for k, name in enumerate(names):
         unit = np.eye(len(names))[k]
         ends = [(levels(z + h * unit), levels(z - h * unit)) for h in steps]
-        central = np.array([(up - down) / (2 * h) for h, (up, down) in zip(steps, ends, strict=True)]) * scale[k] / here
+        central = np.array([(up - down) / (2 * h) for h, (up, down) in zip(steps, ends, strict=True)]) * per[:, k]
         right, left = ((ends[-1][0] - here), (here - ends[-1][1]))
-        right, left = (side / steps[-1] * scale[k] / here for side in (right, left))
+        right, left = (side / steps[-1] * per[:, k] for side in (right, left))
         for r, requirement in enumerate(objective.requirements):
             g = gradient[r, k]
             near = central[np.argmin(np.abs(central[:, r] - g)), r]

@@ -21,8 +21,6 @@ from .optimise import Tuner
 from .settings import Config, Tune, steps_of
 from .worst import Adversary, batch_of
 
-SLOTS = 1  # scenarios that a round may add for each metric whose worst case matters
-
 
 class Posed(NamedTuple):
     """A tuning problem, ready to be solved."""
@@ -55,7 +53,7 @@ def pose(config: Config) -> Posed:
         raise InputError(found)
     objective = requirements(settings)
     metrics = searched(objective)
-    slots = settings.search.rounds * len(metrics) * SLOTS
+    slots = settings.search.rounds * len(metrics)  # a round may add one for each
     tuner = Tuner(
         controller=config.controller,
         batch=batch_of(batch, {}, slots),
@@ -168,4 +166,6 @@ def with_added(posed: Posed, added: Mapping[str, Any]) -> Posed:
     own = sample(config.scenario, config.ensemble.draws, config.ensemble.size, config.seed)
     batch = batch_of(own, added, tuner.batch.size - own.size)
     tuner = dataclasses.replace(tuner, batch=batch, prepared=tuner.push if tuner.forward else None)
-    return posed._replace(tuner=tuner, adversary=dataclasses.replace(posed.adversary, tuner=tuner))
+    climbing, looking = posed.adversary.compiled
+    adversary = dataclasses.replace(posed.adversary, tuner=tuner, climbing=climbing, looking=looking)
+    return posed._replace(tuner=tuner, adversary=adversary)

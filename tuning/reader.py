@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,13 +91,15 @@ class Reader:
         if key == "ensemble.draws":
             return self.draws(key, given)
         if key == "tune.bounds":
-            return self.bounds(key, given)
+            pairs = self.pairs(key, given, _is_pair, "[low, high] with low <= high")
+            return {name: (float(pair[0]), float(pair[1])) for name, pair in pairs.items()}
         if key in ("tune.goals", "tune.limits"):
             return self.requirements(key, default, given)
         if key == "tune.tied":
-            return self.names(key, given)
+            return self.pairs(key, given, lambda value: isinstance(value, str), "the name of a gain")
         if key == "tune.choices":
-            return self.choices(key, given)
+            rule = "a list of the values to try"
+            return self.pairs(key, given, lambda value: isinstance(value, list) and bool(value), rule)
         if key.endswith((".Pi_hat", ".Pi_psi_hat")) and isinstance(given, Mapping):
             return self.fields(key, agvjax.KnownSlopes(), given)
         if dataclasses.is_dataclass(default) and not isinstance(default, type):
@@ -216,38 +218,16 @@ class Reader:
                 found[name] = Weights(mean=number) if goals else Limit(mean=number, worst=number)
         return found if len(self.problems) == before else default
 
-    def names(self, key: str, given: Any) -> dict[str, str]:
-        """Name -> name."""
+    def pairs(self, key: str, given: Any, fits: Callable[[Any], bool], rule: str) -> dict[str, Any]:
+        """Values by dotted name, those that fit."""
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return {}
-        pairs = dict(_flat(given, ()))
-        for name, value in pairs.items():
-            if not isinstance(value, str):
-                self.wrong(f"{key}.{name}", value, "the name of a gain")
-        return {name: value for name, value in pairs.items() if isinstance(value, str)}
-
-    def choices(self, key: str, given: Any) -> dict[str, list[Any]]:
-        """Dotted key -> the values to try."""
-        if not isinstance(given, Mapping):
-            self.wrong(key, given, "a table")
-            return {}
-        pairs = dict(_flat(given, ()))
-        for name, value in pairs.items():
-            if not isinstance(value, list) or not value:
-                self.wrong(f"{key}.{name}", value, "a list of the values to try")
-        return {name: value for name, value in pairs.items() if isinstance(value, list) and value}
-
-    def bounds(self, key: str, given: Any) -> dict[str, tuple[float, float]]:
-        """Pairs by the gain they bound."""
-        if not isinstance(given, Mapping):
-            self.wrong(key, given, "a table")
-            return {}
-        pairs = dict(_flat(given, ()))
-        for name, pair in pairs.items():
-            if not _is_pair(pair):
-                self.wrong(f"{key}.{name}", pair, "[low, high] with low <= high")
-        return {name: (float(p[0]), float(p[1])) for name, p in pairs.items() if _is_pair(p)}
+        found = dict(_flat(given, ()))
+        for name, value in found.items():
+            if not fits(value):
+                self.wrong(f"{key}.{name}", value, rule)
+        return {name: value for name, value in found.items() if fits(value)}
 
 
 def _draw(given: Any) -> Draw | None:

@@ -115,18 +115,18 @@ def solve(
         best = posed.tuner.worst(lead.best_z)
         names = posed.tuner.objective.names
         rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
-        worse = [f for f, r in zip(found, rounds, strict=True) if f.value > (1 + settings.tolerance) * r.best]
         before = Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
-        if run.round >= settings.rounds or not worse:
+        if run.round >= settings.rounds or not before.worse:
             return before
-        posed, run = _again(posed, run, worse, rounds)
+        posed, run = _again(before)
 
 
-def _again(posed: Posed, run: Run, worse: list[Found], rounds: tuple[Round, ...]) -> tuple[Posed, Run]:
+def _again(before: Outcome) -> tuple[Posed, Run]:
     """The problem with the worst scenarios added, and its run, from the gains that did not stand them."""
-    added = {name: np.stack([f.scenario[name] for f in worse]) for name in posed.tuner.batch.names}
+    run, worse = before.run, [f.scenario for f in before.found if f.metric in before.worse]
+    added = {name: np.stack([scenario[name] for scenario in worse]) for name in before.posed.tuner.batch.names}
     if run.added:
         added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
-    posed = with_added(posed, added)
+    posed = with_added(before.posed, added)
     searches = (posed.tuner.begin(run.lead.best_z),)
-    return posed, Run(run.round + 1, searches, added, (*run.rounds, *rounds), tuple(run.history))
+    return posed, Run(run.round + 1, searches, added, before.rounds, tuple(run.history))

@@ -81,7 +81,7 @@ def write_log(folder: Path, names: tuple[str, ...], run: Run) -> None:
 def log(folder: Path, names: tuple[str, ...], run: Run) -> None:
     """Append the rows of the last iteration to `metrics.jsonl`."""
     last = max(p.iteration for p in run.searches) - 1
-    rows = [row for row in run.history if row[0] == run.round and row[2] == last]
+    rows = [(run.round, i, *p.history[-1]) for i, p in enumerate(run.searches) if p.iteration == last + 1]
     with (folder / LOG).open("a", encoding="utf-8") as file:
         file.writelines(_line(names, row) for row in rows)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from agvjax.simulate import DT, N_STEPS
 
 from .ensemble import Draw, box, default_draws
 from .first_order import find_optimizer
-from .objective import METRICS, STATISTICS, Objective
+from .objective import METRICS, STATISTICS, Objective, Requirement
 from .optimise import SEQUENTIAL, Tuner
 from .worst import Adversary
 
@@ -80,12 +81,19 @@ class Limit:
 
 def default_goals() -> dict[str, Weights]:
     """The default problem's."""
-    return {r.metric: Weights(**{g.statistic: g.value for g in _GOAL.goals}) for r in _GOAL.goals[:1]}
+    return {name: Weights(**asked) for name, asked in _by_metric(_GOAL.goals).items()}
 
 
 def default_limits() -> dict[str, Limit]:
     """The default problem's."""
-    return {r.metric: Limit(mean=r.value, worst=r.value) for r in _GOAL.limits}
+    return {name: Limit(**asked) for name, asked in _by_metric(_GOAL.limits).items()}
+
+
+def _by_metric(requirements: Sequence[Requirement]) -> dict[str, dict[str, Any]]:
+    asked: dict[str, dict[str, Any]] = {}
+    for r in requirements:
+        asked.setdefault(r.metric, {})[r.statistic] = r.value
+    return asked
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -113,7 +113,8 @@ class Adversary:
         return jnp.where(ok, values, jnp.inf)
 
     @functools.cached_property
-    def _compiled(self) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+    def compiled(self) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+        """`climb` and `look`, jitted."""
         return self.climbing or jax.jit(self.climb), self.looking or jax.jit(self.look)
 
     def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -122,7 +123,7 @@ class Adversary:
 
     def _values(self, z: Any, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """`look` at any number of scenarios, a chunk at a time."""
-        count, look = len(next(iter(leaves.values()))), self._compiled[1]
+        count, look = len(next(iter(leaves.values()))), self.compiled[1]
         rows = [np.minimum(np.arange(i, i + CHUNK), count - 1) for i in range(0, count, CHUNK)]  # the last repeats one
         return np.concatenate([np.asarray(look(z, {n: x[r] for n, x in leaves.items()})) for r in rows], 1)[:, :count]
 
@@ -170,7 +171,7 @@ class Adversary:
                 change, state = method.update(-slope, state)
                 return jnp.clip(u + change, 0.0, 1.0), state
 
-        move, climb = jax.jit(step), self._compiled[0]
+        move, climb = jax.jit(step), self.compiled[0]
         state, best, at = method.init(u), np.full(len(row), -np.inf), np.asarray(u)
         for _ in range(self.iterations):
             values, ok, slopes = climb(z, u)

@@ -16,7 +16,7 @@ from ..markdown import grid
 from ..objective import METRICS
 from ..problem import pose
 from .common import RunFailed, configure, new_folder, say, unasked, warn
-from .tune import compiled, judged, validation
+from .tune import judged, steered, validation
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
 
         try:
-            points = pareto.front(compiled(posed), settings.metric, factors, done)
+            points = pareto.front(steered(posed), settings.metric, factors, done)
         except RuntimeError as error:
             raise RunFailed(str(error)) from error
     unseen = validation(config)

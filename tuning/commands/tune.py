@@ -130,19 +130,31 @@ def _choose(arguments: argparse.Namespace, config: Config) -> int:
     return 0
 
 
-def compiled(posed: Posed) -> Posed:
-    """The problem with all that it will call made ready in the background, from disk where it was made ready before."""
-    config, tuner, push = posed.config, posed.tuner, None
-    settings, z = configuration.dump(dataclasses.replace(config, seed=0)), tuner.free.coordinates(config.controller)
+def steered(posed: Posed) -> Posed:
+    """The problem with its Jacobian made ready in the background, from disk where it was made ready before."""
+    tuner = posed.tuner
     if tuner.forward:
-        push = startup.Ahead(tuner.jacobian, settings, z, tuner.scenarios)
+        push = startup.Ahead(tuner.jacobian, *_identity(posed), tuner.scenarios)
         tuner = dataclasses.replace(tuner, prepared=push)
-    adversary = dataclasses.replace(posed.adversary, tuner=tuner)
+    return posed._replace(tuner=tuner, adversary=dataclasses.replace(posed.adversary, tuner=tuner))
+
+
+def _identity(posed: Posed) -> tuple[str, Any]:
+    """All that shapes what is compiled, and where the search starts."""
+    settings = configuration.dump(dataclasses.replace(posed.config, seed=0))
+    return settings, posed.tuner.free.coordinates(posed.config.controller)
+
+
+def compiled(posed: Posed) -> Posed:
+    """The problem with all that tuning will call made ready, the Jacobian first."""
+    posed = steered(posed)
+    config, (settings, z), adversary, push = posed.config, _identity(posed), posed.adversary, posed.tuner.prepared
+    push = push if isinstance(push, startup.Ahead) else None
     shares, scenarios = adversary.examples()
     climb = startup.Ahead(adversary.climb, settings + "climb", z, jax.numpy.asarray(shares, z.dtype), after=push)
     look = startup.Ahead(adversary.look, settings + "look", z, scenarios, after=push)
     startup.meanwhile(judged, config, config.controller, _both(posed)[0])
-    return posed._replace(tuner=tuner, adversary=dataclasses.replace(adversary, climbing=climb, looking=look))
+    return posed._replace(adversary=dataclasses.replace(adversary, climbing=climb, looking=look))
 
 
 def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> Outcome:
