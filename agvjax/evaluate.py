@@ -21,7 +21,7 @@ BLOCK = 128  # scenarios rolled out together: few enough for the cache of a CPU 
 
 @pytree
 class Batch:
-    """A scenario of which the leaves `names` carry a leading batch axis; see `batch`."""
+    """A scenario, or a controller, of which the leaves `names` carry a leading batch axis; see `batch`."""
 
     scenario: Any
     names: tuple[str, ...] = structure(())
@@ -50,14 +50,14 @@ class Batch:
 
 
 def batch(scenario: Any, values: Mapping[str, Any]) -> Batch:
-    """Vary the named leaves of a scenario; only they get a batch axis, all else is shared.
+    """Vary the named leaves of a scenario or a controller; only they get a batch axis, all else is shared.
 
     Args:
-        scenario: the scenario to vary.
+        scenario: the scenario, or the controller, to vary.
         values: dotted leaf name -> array whose first axis is the batch, the same length for all.
 
     Raises:
-        KeyError: a name is no leaf of the scenario.
+        KeyError: a name is none of its leaves.
         ValueError: nothing varies, an array has no batch axis, or the lengths differ.
     """
     if not values:
@@ -85,7 +85,7 @@ def evaluate(
     """Metrics of every scenario of a batch, in memory that does not grow with the horizon.
 
     Args:
-        controller: one controller for all scenarios; `jax.vmap` over it for many.
+        controller: one controller for all scenarios, or a `Batch` of B, one each; `jax.vmap` to cross them.
         batch: a `Batch` of B scenarios, or a single `Scenario`.
         dt: step [s], traced.
         n_steps: number of steps.
@@ -95,13 +95,17 @@ def evaluate(
         dtype: float32 or float64; None takes JAX's default float.
         block: scenarios rolled out together, the blocks one after the other; None chooses about 128.
         devices: how many of JAX's local devices take a share; None: all, where each gets a block and no mesh is in
-            force already. Neither this nor `block` changes more than the rounding.
+            force already. Neither this nor `block` changes more than the rounding. Where `jax.distributed` has joined
+            several processes all devices of all of them take part, and every process is given all metrics.
 
     Returns:
         `Metrics` with a leading axis B, or without for a single scenario. Works under `jax.vmap`, `grad`, `jvp`, `jit`.
+
+    Raises:
+        ValueError: batches of different sizes, or `block` or `devices` out of range.
     """
 
-    def one(scenario: Any) -> Metrics:
+    def one(controller: Any, scenario: Any) -> Metrics:
         rollout = Rollout(
             controller,
             scenario,
@@ -116,25 +120,41 @@ def evaluate(
         tally = rollout.meter.update(carry.meter, last, rollout.weights(n_steps))
         return rollout.meter.finish(tally, carry.ok, rollout.end)
 
-    if not isinstance(batch, Batch):
-        return one(batch)
+    sizes = {x.size for x in (controller, batch) if isinstance(x, Batch)}
+    if len(sizes) > 1:
+        raise ValueError(f"a batch of controllers and one of scenarios must have the same size; got {sorted(sizes)}")
+    if not sizes:
+        return one(controller, batch)
+    count = sizes.pop()
 
-    def many(values: Mapping[str, Any]) -> Metrics:
-        return jax.vmap(lambda v: one(swap(batch.scenario, v)))(values)
+    def many(values: Any) -> Metrics:
+        return jax.vmap(lambda law, scene: one(_filled(controller, law), _filled(batch, scene)))(*values)
 
-    values = {name: jnp.asarray(value) for name, value in batch.values.items()}
-    shares = _shares(batch.size, block, devices)
-    rows, size = _layout(batch.size, block, shares)
+    values = jax.tree.map(jnp.asarray, (_varied(controller), _varied(batch)))
+    shares = _shares(count, block, devices)
+    rows, size = _layout(count, block, shares)
     if rows == 1:
         return many(values)
-    index = np.minimum(np.arange(rows * size), batch.size - 1).reshape(rows, size)  # the last block repeats one
-    blocks = {name: value[index] for name, value in values.items()}
+    index = np.minimum(np.arange(rows * size), count - 1).reshape(rows, size)  # the last block repeats one
+    blocks = jax.tree.map(lambda value: value[index], values)
     metrics = _shared(lambda part: jax.lax.map(many, part), shares)(blocks)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[: batch.size], metrics)
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], metrics)
+
+
+def _varied(tree: Any) -> dict[str, Any]:
+    return tree.values if isinstance(tree, Batch) else {}
+
+
+def _filled(tree: Any, values: Mapping[str, Any]) -> Any:
+    return swap(tree.scenario, values) if isinstance(tree, Batch) else tree
 
 
 def _shares(scenarios: int, block: int | None, devices: int | None) -> int:
     """How many devices share the work."""
+    if jax.process_count() > 1:
+        if devices is not None:
+            raise ValueError(f"devices must be None where several processes are joined; got {devices}")
+        return jax.device_count()
     local = jax.local_device_count()
     if devices is None:
         free = jax.sharding.get_abstract_mesh().empty
@@ -154,9 +174,16 @@ def _layout(scenarios: int, block: int | None, shares: int) -> tuple[int, int]:
 
 
 def _shared(function: Callable[[Any], Any], shares: int) -> Callable[[Any], Any]:
-    """`function` on each device's part of the leading axis."""
+    """`function` on each device's part of the leading axis; the devices of several processes tell each other."""
     if shares == 1:
         return function
-    mesh = jax.sharding.Mesh(np.array(jax.local_devices()[:shares]), ("scenarios",))
-    spec = jax.sharding.PartitionSpec("scenarios")
-    return jax.shard_map(function, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False)
+    joined = jax.process_count() > 1
+    mesh = jax.sharding.Mesh(np.array((jax.devices() if joined else jax.local_devices())[:shares]), ("scenarios",))
+    split, whole = jax.sharding.PartitionSpec("scenarios"), jax.sharding.PartitionSpec()
+
+    def told(part: Any) -> Any:
+        return jax.tree.map(lambda x: jax.lax.all_gather(x, "scenarios", tiled=True), function(part))
+
+    if joined:
+        return jax.shard_map(told, mesh=mesh, in_specs=split, out_specs=whole, check_vma=False)
+    return jax.shard_map(function, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)

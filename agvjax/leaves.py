@@ -64,10 +64,19 @@ def get(tree: Any, name: str) -> Any:
 
 def rule_of(tree: Any, name: str) -> Any:
     """The rule written beside the field of a dotted name; None where there is none."""
+    return _metadata(tree, name).get("rule")
+
+
+def unit_of(tree: Any, name: str) -> str:
+    """The unit written beside the field of a dotted name; empty where there is none."""
+    return _metadata(tree, name).get("unit", "")
+
+
+def _metadata(tree: Any, name: str) -> Mapping[str, Any]:
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
-    return next((f.metadata.get("rule") for f in fields if f.name == last), None)
+    return next((f.metadata for f in fields if f.name == last), {})
 
 
 def swap(node: Any, values: Mapping[str, Any]) -> Any:

@@ -1,7 +1,6 @@
 """The search for the worst scenario, the ensembles it searches in, and the loop that tunes again with what it found."""
 
 import dataclasses
-import types
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +15,7 @@ from tuning import (
     Config,
     Distribution,
     Ensemble,
-    Objective,
     OneOf,
-    Requirement,
     Search,
     Simulate,
     Times,
@@ -99,9 +96,9 @@ def hand_made(value, **changed):
         )
         return v[None], jnp.isfinite(v)
 
-    tuner = types.SimpleNamespace(values=values, objective=Objective((Requirement("rmse", "worst", 1.0),), ()))
     return Adversary(
-        tuner=tuner,
+        rollout=values,
+        names=("rmse",),
         scenario=Scenario(),
         draws=DRAWS,
         metrics=("rmse",),

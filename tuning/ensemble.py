@@ -97,6 +97,17 @@ def default_draws() -> dict[str, Draw]:
     }
 
 
+def uniform(seed: int, stream: str, size: int, width: int = 1, first: int = 0) -> np.ndarray:
+    """Numbers in [0, 1) (size, width) of the scenarios from number `first`: keyed by seed, stream and place alone."""
+    skipped = first * width
+    counter = np.random.Philox(key=[seed, zlib.crc32(stream.encode())]).advance(skipped // _DRAWS)
+    ahead = skipped % _DRAWS
+    return np.random.Generator(counter).random(ahead + size * width)[ahead:].reshape(size, width)
+
+
+_DRAWS = 4  # numbers that Philox makes of one state of its counter
+
+
 def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int, part: int = 0) -> agvjax.Batch:
     """`size` scenarios with the named leaves drawn independently.
 
@@ -107,8 +118,8 @@ def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int, part:
     for name, draw in draws.items():
         nominal = np.asarray(get(scenario, name), float)
         stream = name if part == 0 else f"{name}#{part}"
-        random = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(stream.encode())]))
-        values[name] = draw.quantile(random.random((size, *nominal.shape)), nominal)
+        shares = uniform(seed, stream, size, nominal.size).reshape(size, *nominal.shape)
+        values[name] = draw.quantile(shares, nominal)
     return agvjax.batch(scenario, values)
 
 

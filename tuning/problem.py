@@ -32,8 +32,7 @@ class Posed(NamedTuple):
 
     def to(self, budget: Any) -> Posed:
         """The problem with goals and limits in multiples of a reference that is given."""
-        tuner = dataclasses.replace(self.tuner, budget=budget)
-        return self._replace(tuner=tuner, adversary=dataclasses.replace(self.adversary, tuner=tuner))
+        return self._replace(tuner=dataclasses.replace(self.tuner, budget=budget))
 
 
 def pose(config: Config) -> Posed:
@@ -67,7 +66,8 @@ def pose(config: Config) -> Posed:
     )
     search = settings.search
     adversary = Adversary(
-        tuner=tuner,
+        rollout=tuner.values,
+        names=objective.names,
         scenario=config.scenario,
         draws=draws,
         metrics=metrics,
@@ -166,6 +166,4 @@ def with_added(posed: Posed, added: Mapping[str, Any]) -> Posed:
     own = sample(config.scenario, config.ensemble.draws, config.ensemble.size, config.seed)
     batch = batch_of(own, added, tuner.batch.size - own.size)
     tuner = dataclasses.replace(tuner, batch=batch, prepared=tuner.push if tuner.forward else None)
-    climbing, looking = posed.adversary.compiled
-    adversary = dataclasses.replace(posed.adversary, tuner=tuner, climbing=climbing, looking=looking)
-    return posed._replace(tuner=tuner, adversary=adversary)
+    return posed._replace(tuner=tuner)

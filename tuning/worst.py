@@ -17,7 +17,6 @@ import agvjax
 from agvjax.leaves import get
 
 from .ensemble import Draw, OneOf, box, sample
-from .optimise import Tuner
 
 TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
@@ -74,7 +73,8 @@ class Box(NamedTuple):
 class Adversary:
     """Looks for the scenario that some gains handle worst, one search per metric and start."""
 
-    tuner: Tuner
+    rollout: Callable[[Any, Any], tuple[Any, Any]]  # (z, leaves of B scenarios) -> metrics (M, B), ok (B,)
+    names: tuple[str, ...]  # of the M metrics
     scenario: Any  # the nominal one
     draws: Mapping[str, Draw]
     metrics: tuple[str, ...]
@@ -93,7 +93,7 @@ class Adversary:
 
     def values(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any]:
         """Metrics of scenarios (M, B), and which runs did not diverge."""
-        return self.tuner.values(z, self.box.leaves(shares))
+        return self.rollout(z, self.box.leaves(shares))
 
     def climb(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any, Any]:
         """Values, ok and slopes (D, M, B) along every side of the box."""
@@ -109,7 +109,7 @@ class Adversary:
 
     def look(self, z: Any, leaves: Any) -> Any:
         """Values (M, B), those of diverged runs infinite."""
-        values, ok = self.tuner.values(z, leaves)
+        values, ok = self.rollout(z, leaves)
         return jnp.where(ok, values, jnp.inf)
 
     @functools.cached_property
@@ -129,7 +129,7 @@ class Adversary:
 
     def search(self, z: Any, round_: int = 0) -> list[Found]:
         """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
-        rows = [self.tuner.objective.names.index(metric) for metric in self.metrics]
+        rows = [self.names.index(metric) for metric in self.metrics]
         scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
         seen = self._values(z, scouts)[rows]  # (W, scouts)
         places = self.box.shares(scouts)

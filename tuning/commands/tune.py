@@ -136,7 +136,7 @@ def steered(posed: Posed) -> Posed:
     if tuner.forward:
         push = startup.Ahead(tuner.jacobian, *_identity(posed), tuner.scenarios)
         tuner = dataclasses.replace(tuner, prepared=push)
-    return posed._replace(tuner=tuner, adversary=dataclasses.replace(posed.adversary, tuner=tuner))
+    return posed._replace(tuner=tuner)
 
 
 def _identity(posed: Posed) -> tuple[str, Any]:
