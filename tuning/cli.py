@@ -7,10 +7,11 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune | pareto | doctor | reproduce | compare`."""
+    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare`."""
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
@@ -25,11 +26,15 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="agvjax", description=__doc__.splitlines()[0] if __doc__ else None)
     top.description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
     commands = top.add_subparsers(dest="command", required=True)
-    commands.add_parser(
+    simulate = commands.add_parser(
         "simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures"
     )
+    simulate.add_argument("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller")
+    simulate.add_argument("--index", type=int, metavar="N", help="which vehicle of the sweep")
+    simulate.add_argument("--controller", metavar="NAME", help="which controller of the sweep (default: its first)")
     tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
     tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
+    _sweep(commands, common)
     commands.add_parser(
         "pareto", parents=[common], help="tune along a moving limit: the front of error against command"
     )
@@ -42,6 +47,22 @@ def parser() -> argparse.ArgumentParser:
         "compare", parents=[common], help="tune every law to the same command budget and judge it on unseen scenarios"
     )
     return top
+
+
+def _sweep(commands: Any, common: argparse.ArgumentParser) -> None:
+    sweep = commands.add_parser(
+        "sweep", parents=[common], help="roll out many vehicles, on a grid or at random, and see where the gains fail"
+    )
+    add = sweep.add_argument
+    add("--over", action="append", metavar="LEAF=LOW:HIGH:POINTS", help="an axis; without POINTS sampled, *= times")
+    add("--ensemble", action="store_true", help="draw the other leaves of the tuning ensemble too")
+    add("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all")
+    add("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities")
+    add("--controller", action="append", metavar="FILE|LAW", help="another controller beside the configured one")
+    add("--export", action="append", metavar="netcdf|parquet", help="write the results in this form too")
+    add("--num-processes", type=int, metavar="N", help="processes that share the folder --out")
+    add("--process-id", type=int, metavar="K", help="which of them this is, from 0")
+    add("--resume", action="store_true", help="refuse to begin anew; the same command goes on by itself")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,10 +13,11 @@ import tomli_w
 
 import agvjax
 
-from .ensemble import Between, Distribution, OneOf, Times
+from .ensemble import Between, Distribution, OneOf, Span, Times
 from .free import tunable
 from .reader import CLASSES, Reader
-from .settings import VERSION, Config, Limit, Weights, problems
+from .rules import problems
+from .settings import VERSION, Bound, Config, Limit, Weights
 
 
 def load(
@@ -37,6 +38,15 @@ def load(
         _merge(table, _override(text))
     for key, value in (more or {}).items():
         _merge(table, _nested(key, value))
+    return resolve(table, command)
+
+
+def resolve(table: Mapping[str, Any], command: str = "tune") -> Config:
+    """The configuration that a table of TOML means.
+
+    Raises:
+        agvjax.InputError: lists every bad key, its value and the rule.
+    """
     version = table.get("version", VERSION)
     if version != VERSION:
         raise agvjax.InputError(
@@ -89,8 +99,11 @@ def _table(key: str, value: Any) -> Any:
         return {"one_of": list(value.values)}
     if isinstance(value, Distribution):
         return {"distribution": value.name, **value.parameters, "times": value.times}
-    if isinstance(value, (Weights, Limit)):
-        return {n: x for n, x in vars(value).items() if x != getattr(type(value)(), n)}
+    if isinstance(value, Span):
+        return _table(key, value.draw) | ({"points": value.points} if value.points else {})
+    if isinstance(value, (Weights, Limit, Bound)):
+        given = {n: x for n, x in vars(value).items() if x != getattr(type(value)(), n)}
+        return given or {"value": value.value} if isinstance(value, Bound) else given
     if key.startswith("tune.choices."):
         return value
     if key in CLASSES:
@@ -104,7 +117,7 @@ def _table(key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _table(f"{key}.{name}", part) for name, part in value.items()}
     if isinstance(value, tuple):
-        return list(value)
+        return [_table(key, part) for part in value]
     plain = np.asarray(value)
     return value if isinstance(value, (str, bool)) else plain.tolist()
 

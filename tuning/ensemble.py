@@ -79,6 +79,13 @@ class OneOf(NamedTuple):
 Draw = Between | Times | Distribution | OneOf
 
 
+class Span(NamedTuple):
+    """A draw as an axis of a sweep: so many points of it, or, without points, samples."""
+
+    draw: Draw
+    points: int = 0
+
+
 def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
     """Smallest and largest value; of a distribution all but a `TAIL` of the draws on either side."""
     tail = TAIL if isinstance(draw, Distribution) else 0.0

@@ -15,9 +15,9 @@ import numpy as np
 
 import agvjax
 
-from .ensemble import Between, Distribution, Draw, OneOf, Times, default_draws
+from .ensemble import Between, Distribution, Draw, OneOf, Span, Times, default_draws
 from .objective import METRICS
-from .settings import CHOICES, Limit, Weights
+from .settings import CHOICES, Bound, Limit, Weights
 
 LAWS = {
     "neuro_backstepping": agvjax.NeuroBackstepping,
@@ -95,6 +95,10 @@ class Reader:
             return {name: (float(pair[0]), float(pair[1])) for name, pair in pairs.items()}
         if key in ("tune.goals", "tune.limits"):
             return self.requirements(key, default, given)
+        if key == "sweep.over":
+            return self.axes(key, default, given)
+        if key == "sweep.fails":
+            return self.bounds(key, default, given)
         if key == "tune.tied":
             return self.pairs(key, given, lambda value: isinstance(value, str), "the name of a gain")
         if key == "tune.choices":
@@ -166,7 +170,8 @@ class Reader:
                 return default
             return given
         if isinstance(default, tuple):
-            if not isinstance(given, list) or not given or not all(isinstance(x, str) for x in given):
+            none = isinstance(given, list) and not given and default
+            if none or not isinstance(given, list) or not all(isinstance(x, str) for x in given):
                 self.wrong(key, given, "a list of names")
                 return default
             return tuple(given)
@@ -218,6 +223,29 @@ class Reader:
                 found[name] = Weights(mean=number) if goals else Limit(mean=number, worst=number)
         return found if len(self.problems) == before else default
 
+    def axes(self, key: str, default: Any, given: Any) -> Any:
+        """The axes of a sweep: a list of tables, in each the leaves that move as one."""
+        if not isinstance(given, list) or not all(isinstance(table, Mapping) and table for table in given):
+            self.wrong(key, given, "a list of tables of leaves: [[sweep.over]]")
+            return default
+        before, found = len(self.problems), []
+        for table in given:
+            spans = {name: _span(value) for name, value in _flat(table, DRAWS)}
+            for name, value in _flat(table, DRAWS):
+                if spans[name] is None:
+                    rule = "{ between = [low, high], points = 11 }, without points to be sampled; or times, one_of, a"
+                    self.wrong(f"{key}.{name}", value, f"{rule} distribution; or a list of values")
+            found.append(spans)
+        return tuple(found) if len(self.problems) == before else default
+
+    def bounds(self, key: str, default: Any, given: Any) -> Any:
+        """Failures by metric: a table, or a number for a multiple of the nominal run's."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return default
+        tables = {name: value if isinstance(value, Mapping) else {"value": value} for name, value in given.items()}
+        return {name: self.fields(f"{key}.{name}", Bound(), value) for name, value in tables.items()}
+
     def pairs(self, key: str, given: Any, fits: Callable[[Any], bool], rule: str) -> dict[str, Any]:
         """Values by dotted name, those that fit."""
         if not isinstance(given, Mapping):
@@ -246,6 +274,23 @@ def _draw(given: Any) -> Draw | None:
     if kind == "one_of" and isinstance(value, list) and value and all(_number(x) for x in value):
         return OneOf(tuple(float(x) for x in value))
     return None
+
+
+def _span(given: Any) -> Span | None:
+    """An axis as a table or a list says it; None where it says none."""
+    given = {"one_of": given} if isinstance(given, list) else given
+    if not isinstance(given, Mapping):
+        return None
+    points, draw = given.get("points"), _draw({name: value for name, value in given.items() if name != "points"})
+    if draw is None or not (points is None or (isinstance(points, int) and points >= 1)) or isinstance(points, bool):
+        return None
+    try:
+        draw.quantile(0.5, 1.0)
+    except ValueError:
+        return None
+    if isinstance(draw, OneOf):
+        return None if points else Span(draw, len(draw.values))
+    return Span(draw, points or 0)
 
 
 def _number(given: Any) -> bool:

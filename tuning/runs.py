@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import platform
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,16 @@ COUNTS = ("round", "start", "iteration", "latched", "clipped", "backed_out", "ro
 
 def write(path: Path, data: str | bytes) -> None:
     """Write a file so that a crash leaves the old one or the new one, never a part."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as file:
-        file.write(data.encode() if isinstance(data, str) else data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    part = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.part")  # others may write the same file
+    try:
+        with part.open("wb") as file:
+            file.write(data.encode() if isinstance(data, str) else data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> None:

@@ -136,7 +136,7 @@ class Adversary:
         first = np.concatenate([_apart(places, value, self.starts) for value in seen])
         u = places[first]
         row = np.repeat(rows, self.starts)
-        u, best = self._ascend(z, jnp.asarray(u, z.dtype), row)
+        u, best = self._ascend(z, jnp.asarray(u, jnp.result_type(float)), row)
         leaves = self.box.leaves(jnp.asarray(u))
         checks = self._sampled(CHECKS + 2 * round_, self.checks) if self.checks else None
         checked = self._values(z, checks)[rows] if checks else None

@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +44,9 @@ def overrides(arguments: argparse.Namespace) -> list[str]:
     return given + ([] if arguments.precision is None else [f"precision={arguments.precision}"])
 
 
-def configure(arguments: argparse.Namespace) -> Config:
-    """Settings from files and options, JAX made ready for them."""
-    config = configuration.load(arguments.config, overrides(arguments), arguments.command)
+def configure(arguments: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Config:
+    """Settings from files, options and `more` by dotted key, JAX made ready for them."""
+    config = configuration.load(arguments.config, overrides(arguments), arguments.command, more)
     jax.config.update("jax_enable_x64", config.precision == 64)
     startup.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"

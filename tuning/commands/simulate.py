@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 import agvjax
-from agvjax import plot
+from agvjax import InputError, Problem, plot
 
 from .. import config as configuration
 from .. import runs
+from ..settings import Config
+from ..sweep import results, shards
+from ..sweep.design import scene
 from .common import RunFailed, configure, new_folder, say, trajectory_of, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
     config = configure(arguments)
+    if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
+        config = _of_sweep(arguments, config)
     out = new_folder(arguments)
     warn(arguments, config, "simulate")
     trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
@@ -44,6 +50,28 @@ def run(arguments: argparse.Namespace) -> int:
             f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
         )
     return 0
+
+
+def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
+    """A scenario of a sweep and one of its controllers; timing as configured here."""
+    if arguments.sweep is None:
+        raise InputError([Problem("--from", "none", "the folder of a sweep, with --index and --controller")])
+    try:
+        made = shards.read_manifest(Path(arguments.sweep))
+    except ValueError as error:
+        raise InputError([Problem("--from", arguments.sweep, f"the folder of a sweep ({error})")]) from error
+    if arguments.index is None or not 0 <= arguments.index < made.size:
+        raise InputError(
+            [Problem("--index", arguments.index, f"from 0 to {made.size - 1}, the scenarios of the sweep")]
+        )
+    name = arguments.controller or made.names[0]
+    if name not in made.names:
+        raise InputError([Problem("--controller", name, f"one of the sweep's: {', '.join(made.names)}")])
+    law, scenario = scene(results.opened(made), arguments.index)
+    controller = agvjax.replace(results.controller_of(made, made.names.index(name)), law)
+    horizon = results.config_of(made).simulate.horizon
+    timing = dataclasses.replace(config.simulate, horizon=horizon)
+    return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 
 
 def _spoken(metrics: agvjax.Metrics) -> dict[str, Any]:

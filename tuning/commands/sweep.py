@@ -1,0 +1,289 @@
+"""`agvjax sweep`: a robustness sweep by any number of processes, and its report."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import agvjax
+from agvjax import InputError, Problem
+
+from .. import config as configuration
+from .. import runs
+from ..markdown import html
+from ..objective import unit
+from ..settings import Config
+from ..sweep import figures, findings, page, results, shards, work
+from ..sweep import radius as radii
+from ..sweep.design import LAW, SENSITIVITY, Design, design
+from ..sweep.page import Verdict
+from .common import RunFailed, configure, new_folder, say, warn
+
+NEEDS = {"saltelli": "SALib", "morris": "SALib", "netcdf": "xarray", "parquet": "pyarrow"}
+MOST_MAPS = 6
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Take shards until none is missing; whoever finishes last writes the report."""
+    config = configure(arguments, _more(arguments))
+    _installed(config)
+    laws = _controllers(config)
+    plan = design(config)
+    rank, count = _place(arguments)
+    made = shards.manifest(
+        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, export=()))),
+        config.seed,
+        {name: configuration.gains_table(law) for name, law in laws.items()},
+        plan.size,
+        config.sweep.shard,
+        metrics={name: unit(name) for name in work.kept(config)},
+        leaves={name: plan.unit(name) for name in plan.names},
+    )
+    out = _folder(arguments, made, count)
+    warn(arguments, config, "sweep")
+    plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
+    say(arguments, f"{plan.size} scenarios{plural} in {len(made.shards)} shards; compiling ...")
+    judges = work.judges(config, plan, list(laws.values()), min(made.shard, made.size))
+    _fill(arguments, out, made, plan, judges, rank * len(made.shards) // count)
+    with shards.held(out, "report") as ours:
+        if not ours:
+            say(arguments, f"every shard is there; another process writes the report to {out}")
+            return 0
+        if (out / "report.html").exists() and not config.sweep.export:
+            say(arguments, f"complete, with its report: {out}/report.html")
+            return 0
+        say(arguments, "looking at what was found ...")
+        _conclude(arguments, config, results.load(out), laws, judges, out)
+    shards.sweep_up(out)
+    return 0
+
+
+def _more(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Settings of the options that only this command has."""
+    more: dict[str, Any] = {}
+    if arguments.over:
+        more["sweep.over"] = [_axis(text) for text in arguments.over]
+    elif arguments.ensemble:
+        more["sweep.over"] = []
+    more |= {"sweep.ensemble": True} if arguments.ensemble else {}
+    more |= {"sweep.controllers": arguments.controller} if arguments.controller else {}
+    for name in ("samples", "design"):
+        given = getattr(arguments, name)
+        more |= {f"sweep.{name}": given} if given is not None else {}
+    return more | ({"sweep.export": arguments.export} if arguments.export else {})
+
+
+def _axis(text: str) -> dict[str, Any]:
+    """`a+b=0:1.5:101` -> an axis on which both move as one; `*=` is times nominal, without a count it is sampled."""
+    rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
+    match = re.fullmatch(r"([^=*]+)(\*?)=(.+)", text)
+    if match is None:
+        raise InputError([Problem("--over", text, rule)])
+    names, times, values = match[1].split("+"), match[2], match[3]
+    try:
+        if "," in values or ":" not in values:
+            if times:
+                raise ValueError
+            span: Any = {"one_of": [float(x) for x in values.split(",")]}
+        else:
+            low, high, *points = values.split(":")
+            span = {"times" if times else "between": [float(low), float(high)]}
+            span |= {"points": int(*points)} if points else {}
+    except (ValueError, TypeError) as error:
+        raise InputError([Problem("--over", text, rule)]) from error
+    return {name.strip(): span for name in names}
+
+
+def _installed(config: Config) -> None:
+    """Refuse what needs a library that is not there."""
+    asked = [config.sweep.design, *config.sweep.export]
+    missing = {name: NEEDS[name] for name in asked if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None}
+    if missing:
+        rule = "one whose library is installed: pip install 'agvjax[sweep]'"
+        raise InputError([Problem("sweep", f"{name} ({library})", rule) for name, library in missing.items()])
+
+
+def _controllers(config: Config) -> dict[str, Any]:
+    """The configured controller, then the others by their names."""
+    laws = {"configured": config.controller}
+    gains = {name.removeprefix(LAW) for table in config.sweep.over for name in table if name.startswith(LAW)}
+    for name in config.sweep.controllers:
+        if Path(name).suffix == ".toml":
+            law, label = configuration.load([name], [], "simulate").controller, str(Path(name).with_suffix(""))
+        else:
+            law, label = configuration.resolve({"controller": name}, "simulate").controller, name
+        missing = gains - set(agvjax.leaves(law))
+        if missing:
+            raise InputError([Problem("sweep.controllers", name, f"with the swept gains {', '.join(sorted(missing))}")])
+        if label in laws:
+            raise InputError([Problem("sweep.controllers", name, "named once")])
+        laws[label] = law
+    return laws
+
+
+def _place(arguments: argparse.Namespace) -> tuple[int, int]:
+    """Which of how many processes this is, by its options or what SLURM and Kubernetes say; it only spreads them."""
+    variables = (
+        ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT"),
+        ("SLURM_PROCID", "SLURM_NTASKS"),
+        ("JOB_COMPLETION_INDEX", "JOB_COMPLETION_COUNT"),
+    )
+    given = (arguments.process_id, arguments.num_processes)
+    if None not in given:
+        rank, count = given
+    elif given != (None, None):
+        raise InputError([Problem("--process-id", arguments.process_id, "given together with --num-processes")])
+    else:
+        found = [(os.environ[a], os.environ.get(b, "1")) for a, b in variables if a in os.environ]
+        rank, count = (int(found[0][0]), int(found[0][1])) if found else (0, 1)
+        rank, count = rank % max(count, 1), max(count, 1)
+    if not 0 <= rank < count:
+        raise InputError([Problem("--process-id", rank, f"from 0 to {count - 1}, one less than --num-processes")])
+    if count > 1 and not arguments.out:
+        raise InputError([Problem("--out", "none", "the folder that the processes share")])
+    return rank, count
+
+
+def _folder(arguments: argparse.Namespace, made: shards.Manifest, count: int) -> Path:
+    """A new folder with the manifest, or one in which this very sweep has begun."""
+    out = Path(arguments.out) if arguments.out else None
+    if out is None or not (out / shards.MANIFEST).exists():
+        if arguments.resume:
+            raise InputError(
+                [Problem("--resume", arguments.out, "used with --out, the folder of a sweep that has begun")]
+            )
+        try:
+            out = new_folder(arguments)
+        except InputError:
+            if out is None or not (out / shards.MANIFEST).exists():  # else another process began it just now
+                raise
+        else:
+            runs.write(out / "config.toml", made.config)
+            shards.write_manifest(out, made)
+            return out
+    try:
+        before = shards.read_manifest(out)
+    except ValueError as error:
+        raise InputError([Problem("--out", str(out), f"a new folder, or that of this sweep ({error})")]) from error
+    if before.digest != made.digest:
+        changed = _changed(before.config, made.config) or "a controller's gains"
+        raise InputError([Problem("--out", str(out), f"a new folder, or that of the same sweep; changed: {changed}")])
+    if before.versions != made.versions:
+        say(arguments, f"note: this sweep was begun with {before.versions}, here are {made.versions}")
+    return out
+
+
+def _changed(old: str, new: str) -> str:
+    before, now = old.splitlines(), new.splitlines()
+    lines = [f"was `{x}`" for x in before if x not in now] + [f"is `{x}`" for x in now if x not in before]
+    return "; ".join(lines)
+
+
+def _fill(
+    arguments: argparse.Namespace, out: Path, made: shards.Manifest, plan: Design, judges: Sequence[Any], offset: int
+) -> None:
+    """Shard by shard, with a bar."""
+    with tqdm(total=made.size, disable=arguments.quiet, unit=" scenarios", unit_scale=True, mininterval=0.5) as bar:
+        begun = False
+
+        def tick(scenarios: int) -> None:
+            nonlocal begun
+            if not begun and scenarios:  # what an earlier start left says nothing of the rate
+                bar.initial = bar.n = scenarios
+                bar.refresh()
+            elif begun:
+                bar.update(scenarios)
+            begun = True
+
+        try:
+            work.run(out, made, plan, judges, offset, tick)
+        except OSError as error:
+            done = sum(shards.path_of(out, i).exists() for i in range(len(made.shards)))
+            raise RunFailed(
+                f"a shard could not be written to {out} ({error}); {done} of {len(made.shards)} are kept: make room and"
+                " give the same command again"
+            ) from error
+
+
+def _conclude(
+    arguments: argparse.Namespace, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
+) -> None:
+    """Findings, figures, report, exports."""
+    nominal = _nominal(found, judges)
+    bounds = findings.absolute(config.sweep.fails, nominal[0])
+    which = findings.failed(found, bounds)
+    verdict = Verdict(
+        nominal=nominal,
+        bounds=bounds,
+        which=which,
+        failures=findings.failures(found, which),
+        indices=_indices(found),
+        radii=_radii(config, found, which, bounds, laws),
+    )
+    names = _draw(found, verdict, out)
+    text = page.page(found, verdict, names, str(out))
+    runs.write_json(out / "findings.json", page.as_json(found, verdict))
+    runs.write(out / "report.md", text)
+    for kind, suffix in (("netcdf", "nc"), ("parquet", "parquet")):
+        if kind in config.sweep.export:
+            getattr(found, f"to_{kind}")(out / f"results.{suffix}")
+    runs.write(out / "report.html", html(text, out, "Sweep"))
+    say(arguments, text, f"shards, findings and report written to {out}; begin with {out}/report.html")
+
+
+def _nominal(found: results.Results, judges: Any) -> list[dict[str, float]]:
+    """Metrics of the nominal run, of every controller."""
+    size = min(found.manifest.shard, found.manifest.size)
+    values = {name: np.stack([found.design.nominal(name)] * size) for name in found.leaves}
+    values = {name: value.astype(jax.numpy.result_type(float)) for name, value in values.items()}
+    return [{name: float(np.asarray(x)[0]) for name, x in judge(values).items()} for judge in judges]
+
+
+def _indices(found: results.Results) -> dict[str, dict[str, list[findings.Index]]]:
+    """Sensitivities of every metric, where the design is one for them."""
+    if found.design.method not in SENSITIVITY:
+        return {}
+    return {
+        name: {metric: findings.sensitivity(found, values[i]) for metric, values in found.metrics.items()}
+        for i, name in enumerate(found.names)
+    }
+
+
+def _radii(config: Config, found: results.Results, which: Any, bounds: Any, laws: Any) -> list[radii.Radius]:
+    """The largest boxes, where they are asked for and something can move."""
+    if not (config.sweep.radius and bounds and radii.Reach.of(found.design).axes):
+        return []
+    seeker = radii.adversary(config, found.design, bounds)
+    return [radii.radius(found, which[i], law, seeker) for i, law in enumerate(laws.values())]
+
+
+def _draw(found: results.Results, verdict: Verdict, out: Path) -> list[str]:
+    """Every figure that this design has; their files."""
+    drawn: dict[str, Any] = {}
+    if len(found.design.grid) >= 2:
+        for metric in list(found.metrics)[:MOST_MAPS]:
+            drawn[f"map_{metric}"] = figures.maps(found, metric, verdict.which)
+        if verdict.which.any():
+            drawn["map_failures"] = figures.failure_map(found, verdict.which)
+        for other in range(1, len(found.names)):
+            first = next(iter(found.metrics))
+            drawn[f"difference_{other}_{first}"] = figures.difference(found, first, verdict.which, other)
+    drawn["cuts"] = figures.cuts(found, list(found.metrics)[:3], verdict.bounds)
+    if found.design.sampled:
+        drawn["distributions"] = figures.distributions(found, verdict.bounds)
+    for i, rows in enumerate(verdict.indices.values()):
+        if any(rows.values()):
+            drawn[f"sensitivity_{i}"] = figures.sensitivity(rows, found.design.method)
+    for name, figure in drawn.items():
+        runs.write_figure(out / f"{name}.png", figure)
+    return [f"{name}.png" for name in drawn]

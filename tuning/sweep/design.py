@@ -1,0 +1,209 @@
+"""Which scenarios a sweep looks at: a grid of axes, with samples at every node of it, numbered from 0.
+
+A scenario depends on the design and on its number alone, so that any process can make any of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import qmc
+
+import agvjax
+from agvjax.leaves import get, unit_of
+
+from ..ensemble import TAIL, Distribution, Draw, OneOf, uniform
+from ..settings import Config
+
+PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
+LEVELS = 4  # of the grid that Morris' trajectories walk on
+LAW = "controller."  # what the names of gains begin with
+SENSITIVITY = ("saltelli", "morris")
+
+
+class Target(NamedTuple):
+    """A leaf, or one element of it, and what an axis makes of it."""
+
+    leaf: str
+    element: int | None
+    draw: Draw
+
+    @property
+    def name(self) -> str:
+        """As it is written: `start.position[0]`."""
+        return self.leaf if self.element is None else f"{self.leaf}[{self.element}]"
+
+
+class Axis(NamedTuple):
+    """What moves together, along one number from 0 to 1."""
+
+    targets: tuple[Target, ...]
+    points: int  # of a grid; 0: sampled
+
+    @property
+    def name(self) -> str:
+        """As it is written."""
+        return "+".join(target.name for target in self.targets)
+
+    @property
+    def places(self) -> np.ndarray:
+        """Where the points of a grid lie, (P,); of a distribution all but its tails."""
+        if isinstance(self.targets[0].draw, OneOf):
+            return (np.arange(self.points) + 0.5) / self.points
+        tail = TAIL if any(isinstance(target.draw, Distribution) for target in self.targets) else 0.0
+        return np.linspace(tail, 1 - tail, self.points) if self.points > 1 else np.array([0.5])
+
+
+class Design(NamedTuple):
+    """All scenarios of a sweep: number = node of the grid (the last axis fastest) * samples + sample."""
+
+    controller: Any
+    scenario: Any
+    grid: tuple[Axis, ...]
+    sampled: tuple[Axis, ...]
+    method: str = "random"
+    base: int = 1  # samples asked for; methods of sensitivity take several for each
+    seed: int = 0
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points of every axis of the grid."""
+        return tuple(axis.points for axis in self.grid)
+
+    @property
+    def samples(self) -> int:
+        """Scenarios at every node."""
+        if not self.sampled:
+            return 1
+        more = {"saltelli": len(self.sampled) + 2, "morris": len(self.sampled) + 1}
+        return self.base * more.get(self.method, 1)
+
+    @property
+    def size(self) -> int:
+        """Scenarios of the sweep."""
+        return int(np.prod(self.shape, dtype=int)) * self.samples
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The leaves that vary; a controller's begin with `controller.`."""
+        return tuple(dict.fromkeys(t.leaf for axis in (*self.grid, *self.sampled) for t in axis.targets))
+
+    def nominal(self, leaf: str) -> np.ndarray:
+        """The nominal value of a leaf."""
+        return np.asarray(get(*self._home(leaf)), float)
+
+    def unit(self, leaf: str) -> str:
+        """Its unit."""
+        return unit_of(*self._home(leaf))
+
+    def _home(self, leaf: str) -> tuple[Any, str]:
+        return (self.controller, leaf.removeprefix(LAW)) if leaf.startswith(LAW) else (self.scenario, leaf)
+
+    def value(self, target: Target, share: Any) -> np.ndarray:
+        """What a target is at shares (n,) of its axis: (n,), or (n, ...) where it is a whole array."""
+        nominal = self.nominal(target.leaf)
+        nominal = nominal if target.element is None else nominal[target.element]
+        share = np.asarray(share, float).reshape(-1, *[1] * nominal.ndim)
+        return np.asarray(target.draw.quantile(share + 0 * nominal, nominal), float)
+
+    def shares(self, first: int, count: int) -> np.ndarray:
+        """Where scenarios lie along every axis, (count, grid axes + sampled axes)."""
+        number = np.arange(first, first + count)
+        node, sample = number // self.samples, number % self.samples
+        places = np.unravel_index(node, self.shape) if self.grid else ()
+        columns = [axis.places[place] for axis, place in zip(self.grid, places, strict=True)]
+        if self.sampled and not self.grid:
+            columns += list(_points(self.method, self.sampled, self.base, self.seed, first, count).T)
+        elif self.sampled:
+            every = _points(self.method, self.sampled, self.base, self.seed, 0, self.samples)
+            columns += list(every[sample].T)
+        return np.stack(columns, axis=1)
+
+    def values(self, first: int, count: int) -> dict[str, np.ndarray]:
+        """Leaves of the scenarios from number `first`, each (count, ...)."""
+        nominal = {leaf: self.nominal(leaf) for leaf in self.names}
+        made = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
+        for axis, share in zip((*self.grid, *self.sampled), self.shares(first, count).T, strict=True):
+            for target in axis.targets:
+                place = (slice(None),) if target.element is None else (slice(None), target.element)
+                made[target.leaf][place] = self.value(target, share)
+        return made
+
+    def split(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Leaves of the controller, by their names in it, and of the scenario."""
+        law = {leaf.removeprefix(LAW): x for leaf, x in values.items() if leaf.startswith(LAW)}
+        return law, {leaf: x for leaf, x in values.items() if not leaf.startswith(LAW)}
+
+
+def design(config: Config) -> Design:
+    """The design that a configuration asks for, found sound before."""
+    settings = config.sweep
+    axes = [
+        Axis(tuple(Target(*element_of(name), span.draw) for name, span in table.items()), _points_of(table))
+        for table in settings.over
+    ]
+    taken = {target.leaf for axis in axes for target in axis.targets}
+    if settings.ensemble:
+        for name in sorted(set(config.ensemble.draws) - taken):
+            shape = np.shape(get(config.scenario, name))
+            elements = range(shape[0]) if shape else (None,)
+            axes += [Axis((Target(name, i, config.ensemble.draws[name]),), 0) for i in elements]
+    grid, sampled = (tuple(a for a in axes if bool(a.points) is whole) for whole in (True, False))
+    return Design(config.controller, config.scenario, grid, sampled, settings.design, settings.samples, config.seed)
+
+
+def _points_of(table: Mapping[str, Any]) -> int:
+    return next(iter(table.values())).points
+
+
+def element_of(name: str) -> tuple[str, int | None]:
+    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
+    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    leaf, element = (match[1], int(match[2])) if match else (name, None)
+    return leaf.removeprefix("scenario."), element
+
+
+def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: int, count: int) -> np.ndarray:
+    """Points from number `first` of the unit cube of some axes, (count, axes)."""
+    if method == "random":
+        return np.concatenate([uniform(seed, f"{a.name}#{PART}", count, 1, first) for a in axes], axis=1)
+    if method == "sobol":  # shifted as a whole, at random, which keeps what Sobol points have in common
+        sequence = qmc.Sobol(len(axes), scramble=False)
+        whole = count if first else 1 << (count - 1).bit_length()  # the first power of two: else SciPy warns
+        points = (sequence.fast_forward(first) if first else sequence).random(whole)[:count]
+        return (points + uniform(seed, f"shift#{PART}", 1, len(axes))) % 1
+    return _table(method, len(axes), base, seed)[first : first + count]
+
+
+@functools.lru_cache(2)
+def _table(method: str, width: int, base: int, seed: int) -> np.ndarray:
+    """A design that is made as a whole."""
+    if method == "latin":
+        random: Any = {"seed": np.random.default_rng(seed)}  # `rng` since SciPy 1.15, which takes either
+        return qmc.LatinHypercube(width, **random).random(base)
+    return sensitivity_points(method, width, base, seed)
+
+
+def sensitivity_points(method: str, width: int, base: int, seed: int) -> np.ndarray:
+    """SALib's samples for Sobol indices (Saltelli's scheme, first and total order) or for Morris' screening."""
+    from SALib.sample import morris, sobol  # an extra, and slow to import
+
+    problem = unit_problem([f"x{i}" for i in range(width)])
+    if method == "saltelli":
+        return sobol.sample(problem, base, calc_second_order=False, seed=seed)
+    return morris.sample(problem, base, num_levels=LEVELS, seed=seed)
+
+
+def unit_problem(names: list[str]) -> dict[str, Any]:
+    """SALib's description of a unit cube."""
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+
+
+def scene(design: Design, number: int) -> tuple[dict[str, Any], Any]:
+    """Gains and scenario of one number, to be looked at again."""
+    law, scenario = design.split({name: value[0] for name, value in design.values(number, 1).items()})
+    return law, agvjax.replace(design.scenario, scenario)

@@ -1,0 +1,180 @@
+"""How far the vehicle may drift: the largest box around nominal in which no failure is found.
+
+The box grows with one number r: along every axis from nominal by the share r of the way to either end of it. For an r
+the worst scenario in the box is looked for by gradient ascent from several starts; bisection over r; samples check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+import agvjax
+
+from ..ensemble import Between, OneOf, box
+from ..objective import METRICS
+from ..settings import Config, steps_of
+from ..worst import Adversary
+from .design import LAW, Axis, Design
+from .results import Results
+
+CLOSE = 0.01  # between the box that stands and the failure next to it
+BLOCK = 64  # scenarios rolled out together, each with its tangents
+
+
+class Radius(NamedTuple):
+    """Of one controller."""
+
+    radius: float  # nothing was found to fail within; 1: in the whole of every axis; 0: the nominal run fails
+    failure: float | None  # how far out the nearest failure lies that was found
+    scenario: dict[str, Any]  # that failure's leaves
+    searches: int
+    samples: int  # that fell into the box
+    ends: dict[str, tuple[float, float]]  # of the box, by target
+
+
+class Reach(NamedTuple):
+    """The axes that can be moved, and where their ends lie."""
+
+    plan: Design
+    axes: tuple[Axis, ...]  # those of the scenario with a range
+    fixed: tuple[str, ...]  # names of the others
+
+    @classmethod
+    def of(cls, plan: Design) -> Reach:
+        """Of a design; choices and gains stay where they are."""
+        every = (*plan.grid, *plan.sampled)
+        moves = [a for a in every if not any(isinstance(t.draw, OneOf) or t.leaf.startswith(LAW) for t in a.targets)]
+        return cls(plan, tuple(moves), tuple(a.name for a in every if a not in moves))
+
+    def ends(self, target: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lower end, nominal, upper end of a target."""
+        nominal = self.plan.nominal(target.leaf)
+        nominal = nominal if target.element is None else nominal[target.element]
+        low, high = box(target.draw, nominal)
+        return np.minimum(low, nominal), nominal, np.maximum(high, nominal)
+
+    def leaves(self, moves: Any) -> dict[str, Any]:
+        """Leaves of B scenarios moved from nominal by (B, axes), each from -1 to 1."""
+        names = dict.fromkeys(t.leaf for axis in self.axes for t in axis.targets)
+        made = {leaf: jnp.broadcast_to(x, (len(moves), *x.shape)) for leaf in names for x in [self.plan.nominal(leaf)]}
+        made = {leaf: jnp.asarray(x, moves.dtype) for leaf, x in made.items()}
+        for i, axis in enumerate(self.axes):
+            for target in axis.targets:
+                low, nominal, high = (jnp.asarray(x, moves.dtype) for x in self.ends(target))
+                move = moves[:, i].reshape(-1, *[1] * nominal.ndim)
+                value = nominal + jnp.maximum(move, 0) * (high - nominal) + jnp.minimum(move, 0) * (nominal - low)
+                whole = target.element is None
+                made[target.leaf] = value if whole else made[target.leaf].at[:, target.element].set(value)
+        return made
+
+    def distance(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """How far out scenarios lie, (N,): the r of the smallest box that holds them."""
+        far = [np.zeros(len(next(iter(values.values()))))]
+        for axis in self.axes:
+            for target in axis.targets:
+                low, nominal, high = self.ends(target)
+                value = values[target.leaf] if target.element is None else values[target.leaf][:, target.element]
+                room = np.where(value >= nominal, high - nominal, nominal - low)
+                move = np.abs(value - nominal) / np.where(room > 0, room, 1.0)
+                far.append(move.reshape(len(move), -1).max(axis=1))
+        return np.max(far, axis=0)
+
+
+def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adversary:
+    """Looks for the scenario nearest to failing, or beyond, in the box of z = (controller, r)."""
+    reach, settings = Reach.of(plan), config.sweep
+    labels = [f"axis{i}" for i in range(len(reach.axes))]
+
+    def rollout(z: Any, moves: Any) -> tuple[Any, Any]:
+        law, r = z
+        leaves = reach.leaves(r * jnp.stack([moves[label] for label in labels], axis=1))
+        metrics = agvjax.evaluate(
+            law,
+            agvjax.batch(plan.scenario, leaves),
+            dt=settings.dt,
+            n_steps=steps_of(config.simulate.horizon, settings.dt),
+            integrator=agvjax.INTEGRATORS[settings.integrator],
+            block=BLOCK,
+        )
+        return jnp.stack([METRICS[name](metrics) / bound for name, bound in bounds.items()]), metrics.ok
+
+    search = config.tune.search
+    return Adversary(
+        rollout=rollout,
+        names=tuple(bounds),
+        scenario=dict.fromkeys(labels, 0.0),
+        draws=dict.fromkeys(labels, Between(-1.0, 1.0)),
+        metrics=tuple(bounds),
+        seed=config.seed,
+        scouts=search.scouts,
+        starts=search.starts,
+        iterations=search.iterations,
+        checks=0,
+    )
+
+
+def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> Radius:
+    """Bisection between the largest box that stands and the nearest failure known.
+
+    Args:
+        results: of the sweep, whose samples count.
+        which: its failures with this controller, (N,).
+        law: the controller.
+        seeker: from `adversary`, for the bounds that `which` was found with.
+    """
+    reach, law, rounds = Reach.of(results.design), agvjax.check(law), 0
+    still = _with_nominal(results, reach)
+    distance = np.where(still, reach.distance(results.leaves), np.inf)
+    known = distance[which & still]
+    high = float(known.min()) if known.size else np.inf
+    nearest = {}
+    if known.size:
+        number = int(np.argmin(np.where(which & still, distance, np.inf)))
+        nearest = {name: np.asarray(x[number]) for name, x in results.leaves.items()}
+    searches, low = 0, 0.0
+
+    def seek(r: float) -> tuple[float, dict[str, Any]] | None:
+        """The failure found in the box of r, if there is one, and how far out it lies."""
+        nonlocal rounds, searches
+        found = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
+        rounds += 1
+        searches += sum(f.searches for f in found)
+        bad = [f for f in found if not f.value <= 1]
+        if not bad:
+            return None
+        moves = [np.array([f.scenario[label] for label in seeker.scenario]) for f in bad]
+        first = int(np.argmin([np.abs(move).max() for move in moves]))
+        leaves = {name: np.asarray(x)[0] for name, x in reach.leaves(jnp.asarray(r * moves[first])[None]).items()}
+        return float(r * np.abs(moves[first]).max()), leaves
+
+    if (at := seek(0.0)) is not None:
+        high, nearest = at
+    while high > 0 and low < 1 and not low >= (1 - CLOSE) * min(high, 1.0):
+        middle = min(1.0, high) if np.isinf(high) else (low + high) / 2
+        if (at := seek(middle)) is None:
+            low = middle
+        elif at[0] < high:
+            high, nearest = at
+    inside = int((still & (distance <= low)).sum()) + rounds * seeker.scouts
+    ends = {t.name: _span(reach.ends(t), low) for axis in reach.axes for t in axis.targets}
+    return Radius(low, high if np.isfinite(high) else None, nearest, searches, inside, ends)
+
+
+def _with_nominal(results: Results, reach: Reach) -> np.ndarray:
+    """Scenarios of the sweep in which whatever cannot be moved is at its nominal value."""
+    moved = {target.leaf for axis in reach.axes for target in axis.targets}
+    same = np.ones(results.design.size, bool)
+    for leaf, value in results.leaves.items():
+        if leaf not in moved:
+            near = np.isclose(value, results.design.nominal(leaf))
+            same &= near.reshape(len(near), -1).all(axis=1)
+    return same
+
+
+def _span(ends: tuple[np.ndarray, np.ndarray, np.ndarray], r: float) -> tuple[float, float]:
+    low, nominal, high = (float(np.ravel(x)[0]) for x in ends)
+    return nominal - r * (nominal - low), nominal + r * (high - nominal)

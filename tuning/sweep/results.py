@@ -1,0 +1,139 @@
+"""What a sweep found, as NumPy arrays; and as an xarray Dataset, netCDF or Parquet where these are installed."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import config as configuration
+from ..settings import Config
+from . import shards
+from .design import Design, design
+from .shards import Manifest
+
+
+class Results(NamedTuple):
+    """A finished sweep: C controllers, N scenarios in the order of their numbers."""
+
+    manifest: Manifest
+    config: Config
+    design: Design
+    ok: np.ndarray  # (C, N)
+    metrics: dict[
+        str, np.ndarray
+    ]  # (C, N); infinite where a run diverged, the settling time also where it did not settle
+    leaves: dict[str, np.ndarray]  # (N, ...), what varied
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the controllers."""
+        return self.manifest.names
+
+    def grid(self, metric: str) -> np.ndarray:
+        """A metric by controller, place in the grid, and sample: (C, *shape, samples)."""
+        return self.metrics[metric].reshape(-1, *self.design.shape, self.design.samples)
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` with named dimensions; coordinates and metrics carry their unit in `attrs`.
+
+        Raises:
+            ImportError: xarray is not installed (pip install 'agvjax[sweep]').
+        """
+        import xarray
+
+        plan, shape = self.design, (*self.design.shape, self.design.samples)
+        dims = (*(axis.targets[0].name for axis in plan.grid), "sample")
+        data = {
+            name: (("controller", *dims), values.reshape(-1, *shape), {"units": self.manifest.metrics[name]})
+            for name, values in self.metrics.items()
+        }
+        data["ok"] = (("controller", *dims), self.ok.reshape(-1, *shape), {"units": "1"})
+        coordinates: dict[str, Any] = {"controller": list(self.names)}
+        for (
+            axis
+        ) in plan.grid:  # a dimension has the name of its first leaf; what moves with it are coordinates along it
+            for target in axis.targets:
+                values = plan.value(target, axis.places)
+                dim, units = axis.targets[0].name, {"units": plan.unit(target.leaf)}
+                if values.ndim > 1:  # of an array leaf all elements, and the first to go by
+                    coordinates[f"{target.name}_values"] = ((dim, f"{target.name}_element"), values, units)
+                coordinates[target.name] = (dim, values.reshape(len(values), -1)[:, 0], units)
+        for leaf in dict.fromkeys(target.leaf for axis in plan.sampled for target in axis.targets):
+            values = self.leaves[leaf][: plan.samples]  # the same at every node
+            extra = [f"{leaf}_element"] if values.ndim > 1 else []
+            coordinates[leaf] = (("sample", *extra), values, {"units": plan.unit(leaf)})
+        about = {"seed": self.manifest.seed, "digest": self.manifest.digest, "config": self.manifest.config}
+        return xarray.Dataset(data, coordinates, about)
+
+    def to_netcdf(self, path: Path) -> None:
+        """The Dataset as netCDF 4, whole or not at all."""
+        part = path.with_name(f".{path.name}.part")
+        self.to_xarray().to_netcdf(part, engine="h5netcdf")
+        part.replace(path)
+
+    def to_parquet(self, path: Path) -> None:
+        """A table with a row for each scenario and controller; elements of arrays get columns of their own."""
+        import pyarrow
+        from pyarrow import parquet
+
+        columns: dict[str, Any] = {"controller": np.repeat(self.names, self.design.size)}
+        columns["index"] = np.tile(np.arange(self.design.size), len(self.names))
+        for name, values in self.leaves.items():
+            flat = values.reshape(self.design.size, -1)
+            for i in range(flat.shape[1]):
+                columns[name if values.ndim == 1 else f"{name}[{i}]"] = np.tile(flat[:, i], len(self.names))
+        columns |= {name: values.ravel() for name, values in self.metrics.items()} | {"ok": self.ok.ravel()}
+        units = {name: unit for name, unit in (self.manifest.leaves | self.manifest.metrics).items()}
+        table = pyarrow.table(columns).replace_schema_metadata({"units": str(units), "digest": self.manifest.digest})
+        part = path.with_name(f".{path.name}.part")
+        parquet.write_table(table, part)
+        part.replace(path)
+
+
+def load(folder: str | Path) -> Results:
+    """The results of a finished sweep.
+
+    Raises:
+        ValueError: the folder holds no sweep, or shards of it are missing or damaged; the message names them.
+    """
+    folder = Path(folder)
+    made = shards.read_manifest(folder)
+    plan = opened(made)
+    found = [shards.read_shard(folder, made, i) for i in range(len(made.shards))]
+    missing = [i for i, arrays in enumerate(found) if arrays is None]
+    if missing:
+        shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        raise ValueError(f"{folder}: {len(missing)} of {len(found)} shards are missing or damaged ({shown})")
+    whole = [arrays for arrays in found if arrays is not None]
+    join = functools.partial(_join, whole)
+    return Results(
+        manifest=made,
+        config=config_of(made),
+        design=plan,
+        ok=join("result/ok", 1),
+        metrics={name: join(f"result/{name}", 1) for name in made.metrics},
+        leaves={name: join(f"leaf/{name}", 0) for name in made.leaves},
+    )
+
+
+def _join(whole: list[dict[str, np.ndarray]], name: str, axis: int) -> np.ndarray:
+    return np.concatenate([arrays[name] for arrays in whole], axis=axis)
+
+
+def config_of(made: Manifest) -> Config:
+    """The configuration that a manifest holds."""
+    return configuration.resolve(tomllib.loads(made.config), "sweep")
+
+
+def opened(made: Manifest) -> Design:
+    """The scenarios that a manifest means."""
+    return design(config_of(made))
+
+
+def controller_of(made: Manifest, which: int) -> Any:
+    """One of its controllers."""
+    return configuration.resolve(tomllib.loads(made.controllers[which]), "simulate").controller

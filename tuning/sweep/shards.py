@@ -1,0 +1,182 @@
+"""The folder of a sweep: a manifest, numbered shards, and claims by which processes keep out of each other's way.
+
+Processes need nothing but this folder. A claim only saves work: two that compute the same shard write the same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import importlib.metadata
+import io
+import json
+import os
+import platform
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import agvjax
+
+from .. import runs
+
+MANIFEST, CLAIM = "manifest.json", "claim"
+FORMAT = 1
+BEAT, STALE = 20.0, 120.0  # s between signs of life of a claim, and of silence after which another takes it
+PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
+
+
+class Manifest(NamedTuple):
+    """What every process of a sweep must agree on."""
+
+    digest: str  # of the configuration and of every controller
+    size: int
+    shard: int
+    names: tuple[str, ...]  # of the controllers, the configured one first
+    controllers: tuple[str, ...]  # as TOML
+    metrics: dict[str, str]  # name -> unit
+    leaves: dict[str, str]  # name -> unit
+    config: str  # as TOML
+    seed: int
+    versions: dict[str, str]
+
+    @property
+    def shards(self) -> list[tuple[int, int]]:
+        """First scenario and number of scenarios of every shard."""
+        return [(first, min(self.shard, self.size - first)) for first in range(0, self.size, self.shard)]
+
+
+def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: Any) -> Manifest:
+    """The manifest of a sweep; `units` are `metrics` and `leaves`."""
+    digest = hashlib.sha256(json.dumps([FORMAT, config, list(laws.items())]).encode()).hexdigest()[:32]
+    versions = (
+        {name: importlib.metadata.version(name) for name in PACKAGES}
+        | {"agvjax": agvjax.__version__}
+        | {"agvjax": agvjax.__version__}
+    )
+    return Manifest(
+        digest, size, shard, tuple(laws), tuple(laws.values()), config=config, seed=seed, versions=versions, **units
+    )
+
+
+def write_manifest(folder: Path, made: Manifest) -> None:
+    """`manifest.json`; processes that begin at once write the same."""
+    runs.write_json(folder / MANIFEST, {"format": FORMAT, **made._asdict(), "shards": made.shards})
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a folder.
+
+    Raises:
+        ValueError: there is none, or it is no manifest of this release; the message says which.
+    """
+    try:
+        table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        if table.pop("format") != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}")
+        del table["shards"]
+        return Manifest(**table | {name: tuple(table[name]) for name in ("names", "controllers")})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{folder} holds no sweep of this release ({type(error).__name__}: {error})") from error
+
+
+def path_of(folder: Path, shard: int) -> Path:
+    """Where a shard lies."""
+    return folder / f"shard-{shard:05d}.npz"
+
+
+def write_shard(
+    folder: Path, made: Manifest, shard: int, results: Mapping[str, Any], leaves: Mapping[str, Any]
+) -> None:
+    """One shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
+    first, count = made.shards[shard]
+    arrays: dict[str, Any] = {"digest": made.digest, "first": first, "count": count}
+    arrays |= {f"result/{name}": value for name, value in results.items()}
+    arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
+    runs.write_npz(path_of(folder, shard), arrays)
+
+
+def read_shard(folder: Path, made: Manifest, shard: int) -> dict[str, np.ndarray] | None:
+    """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
+    try:
+        with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
+            arrays = dict(file)  # zip knows a checksum of each
+        wanted = {"digest": made.digest, "first": made.shards[shard][0], "count": made.shards[shard][1]}
+        fits = all(arrays.pop(name) == value for name, value in wanted.items())
+        names = {"result/ok", *(f"result/{n}" for n in made.metrics), *(f"leaf/{n}" for n in made.leaves)}
+        return arrays if fits and names == set(arrays) else None
+    except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+        return None
+
+
+class Claim:
+    """The right to compute one shard, or to write the report, kept alive by a thread while it is held."""
+
+    def __init__(self, folder: Path, name: str):
+        self.path = folder / f"{name}.{CLAIM}"
+        self.name = f"{platform.node()} {os.getpid()}"
+        self._done = threading.Event()
+
+    def take(self) -> bool:
+        """Whether it is ours now; one that is held by a process that is gone is taken over."""
+        if self.path.exists() and self._abandoned():
+            self.path.unlink(missing_ok=True)
+        try:
+            with self.path.open("x") as file:
+                file.write(self.name)
+        except FileExistsError:
+            return False
+        threading.Thread(target=self._live, daemon=True).start()
+        return True
+
+    def release(self) -> None:
+        """Let go."""
+        self._done.set()
+        with contextlib.suppress(OSError):
+            self.path.unlink(missing_ok=True)
+
+    def _live(self) -> None:
+        while not self._done.wait(BEAT):
+            with contextlib.suppress(OSError):
+                os.utime(self.path)
+
+    def _abandoned(self) -> bool:
+        with contextlib.suppress(OSError, ValueError):
+            age = time.time() - self.path.stat().st_mtime
+            host, _, process = self.path.read_text().rpartition(" ")
+            if host == platform.node():
+                return not _alive(int(process))
+            return age > STALE
+        return False  # gone, or not written yet: the next look will tell
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return process != os.getpid()  # a number used again by ourselves
+
+
+@contextlib.contextmanager
+def held(folder: Path, name: str) -> Iterator[bool]:
+    """Whether the claim could be taken; released in the end."""
+    claim = Claim(folder, name)
+    mine = claim.take()
+    try:
+        yield mine
+    finally:
+        if mine:
+            claim.release()
+
+
+def sweep_up(folder: Path) -> None:
+    """Remove what interrupted processes left lying."""
+    for left in (*folder.glob(".*.part"), *folder.glob(f"*.{CLAIM}")):
+        left.unlink(missing_ok=True)
