@@ -47,14 +47,16 @@ def arguments(command, out, settings=(), *more):
     return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
 
 
-def start(argv):
+def start(argv, **options):
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"} | {
         "PYTHONPATH": path,
         "XDG_CACHE_HOME": str(KEPT),
     }
     command = [sys.executable, "-m", "tuning.cli", *argv]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
 
 
 def run(argv, code=0):

@@ -34,6 +34,13 @@ def parser() -> argparse.ArgumentParser:
     simulate.add_argument("--controller", metavar="NAME", help="which controller of the sweep (default: its first)")
     tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
     tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
+    tune.add_argument(
+        "--coordinator",
+        metavar="HOST:PORT",
+        default=os.environ.get("JAX_COORDINATOR_ADDRESS"),
+        help="tune with several processes that meet there; 'auto' in SLURM, Open MPI, Kubernetes",
+    )
+    _among(tune)
     _sweep(commands, common)
     commands.add_parser(
         "pareto", parents=[common], help="tune along a moving limit: the front of error against command"
@@ -60,9 +67,13 @@ def _sweep(commands: Any, common: argparse.ArgumentParser) -> None:
     add("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities")
     add("--controller", action="append", metavar="FILE|LAW", help="another controller beside the configured one")
     add("--export", action="append", metavar="netcdf|parquet", help="write the results in this form too")
-    add("--num-processes", type=int, metavar="N", help="processes that share the folder --out")
-    add("--process-id", type=int, metavar="K", help="which of them this is, from 0")
+    _among(sweep)
     add("--resume", action="store_true", help="refuse to begin anew; the same command goes on by itself")
+
+
+def _among(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--num-processes", type=int, metavar="N", help="how many processes share the work")
+    command.add_argument("--process-id", type=int, metavar="K", help="which of them this is, from 0")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,10 +97,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _among_others() -> bool:
+    distributed = sys.modules.get(f"{__package__}.distributed")
+    return distributed is not None and distributed.joined()
+
+
 def run() -> None:
     """The `agvjax` command."""
     code = main()
-    if code == 130:  # Ctrl-C inside the compiler leaves it in a state that crashes the interpreter's shutdown
+    if code == 130 or (code and _among_others()):
+        # Ctrl-C inside the compiler leaves it in a state that crashes the interpreter's shutdown; and JAX would wait
+        # there for a process that was lost
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -15,6 +15,7 @@ import agvjax
 from agvjax.leaves import swap
 
 from . import first_order, sqp
+from .distributed import gathered, joined
 from .free import Free
 from .objective import Objective, Score
 
@@ -94,7 +95,7 @@ class Tuner:
             integrator=self.integrator,
             dtype=z.dtype.type,
             block=BLOCK,
-            devices=max(1, min(jax.local_device_count(), batch.size // LEAST)),
+            devices=None if joined() else max(1, min(jax.local_device_count(), batch.size // LEAST)),
         )
         return self.objective.values(metrics)
 
@@ -114,17 +115,17 @@ class Tuner:
     @functools.cached_property
     def push(self) -> Callable[[Any, Any], tuple[Any, Any, Any]]:
         """`jacobian`, jitted; what it returns is on one device, however many took part."""
-        return self.prepared or _gathered(jax.jit(self.jacobian))
+        return self.prepared or _placeless(gathered(jax.jit(self.jacobian)))
 
     @functools.cached_property
     def push_all(self) -> Callable[[Any, Any], tuple[Any, Any, Any]]:
         """`jacobian` at several points (S, K) in one batch."""
-        return _gathered(jax.jit(jax.vmap(self.jacobian, in_axes=(0, None))))
+        return _placeless(gathered(jax.jit(jax.vmap(self.jacobian, in_axes=(0, None)))))
 
     @functools.cached_property
     def roll(self) -> Callable[[Any, Any], tuple[Any, Any]]:
         """`values`, jitted."""
-        return _gathered(jax.jit(self.values))
+        return _placeless(gathered(jax.jit(self.values)))
 
     def worst(self, z: Any) -> np.ndarray:
         """The worst of every metric (M,) in the ensemble at z; infinite where a run diverges."""
@@ -165,7 +166,9 @@ class Tuner:
             return score, gradient
 
         return (
-            (lambda z, scenarios: self.weigh(*self.push(z, scenarios))) if self.forward else _gathered(jax.jit(reverse))
+            (lambda z, scenarios: self.weigh(*self.push(z, scenarios)))
+            if self.forward
+            else _placeless(gathered(jax.jit(reverse)))
         )
 
     @functools.cached_property
@@ -175,7 +178,7 @@ class Tuner:
         def step(gradient: Any, state: Any, z: Any, value: Any, scenarios: Any) -> tuple[Any, Any]:
             return first_order.update(self.chain, gradient, state, z, value, self._searched(scenarios))
 
-        return jax.jit(step)
+        return gathered(jax.jit(step))
 
     def _searched(self, scenarios: Any) -> Callable[[Any], Any]:
         """The cost as a function of z whose gradient is taken in forward mode however it is asked for."""
@@ -290,9 +293,9 @@ class Tuner:
         return self.free.controller(p.best_z, self.controller)
 
 
-def _gathered(compute: Callable[..., Any]) -> Callable[..., Any]:
-    """What it returns is on one device, however many took part; z may come from anywhere without compiling anew."""
-    return lambda z, *more: jax.device_put(compute(np.asarray(z), *more), jax.local_devices()[0])
+def _placeless(compute: Callable[..., Any]) -> Callable[..., Any]:
+    """Z may come from anywhere without compiling anew."""
+    return lambda z, *more: compute(np.asarray(z), *more)
 
 
 def mode(gradient: str, gains: int) -> str:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 import agvjax
 from agvjax.leaves import get
 
+from .distributed import gathered
 from .ensemble import Draw, OneOf, box, sample
 
 TENTH = 10  # of the samples may begin an ascent
@@ -115,7 +116,7 @@ class Adversary:
     @functools.cached_property
     def compiled(self) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
         """`climb` and `look`, jitted."""
-        return self.climbing or jax.jit(self.climb), self.looking or jax.jit(self.look)
+        return self.climbing or gathered(jax.jit(self.climb)), self.looking or gathered(jax.jit(self.look))
 
     def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Arguments of the right shapes, after z, for `climb` and for `look`."""

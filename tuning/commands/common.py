@@ -18,7 +18,7 @@ import agvjax
 from agvjax import InputError
 
 from .. import config as configuration
-from .. import runs, startup
+from .. import distributed, runs, startup
 from ..optimise import SEQUENTIAL, mode
 from ..settings import Config, steps_of
 
@@ -50,10 +50,32 @@ def configure(arguments: argparse.Namespace, more: Mapping[str, Any] | None = No
     jax.config.update("jax_enable_x64", config.precision == 64)
     startup.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
+    met = getattr(arguments, "coordinator", None) is not None
     said = agvjax.tune_xla(reverse=arguments.command in ("tune", "pareto") and way == "reverse")
+    if met:
+        _meet(arguments)
     if not said.startswith("fast"):
         say(arguments, f"note: {said}")
     return config
+
+
+def _meet(arguments: argparse.Namespace) -> None:
+    """Join the processes that tune together; all but the first fall silent."""
+    asked = {"--coordinator": arguments.coordinator, "--num-processes": arguments.num_processes}
+    asked["--process-id"] = arguments.process_id
+    if arguments.coordinator != "auto" and None in asked.values():
+        missing = next(name for name, value in asked.items() if value is None)
+        raise InputError([agvjax.Problem(missing, "none", "given with --coordinator HOST:PORT, as the other two are")])
+    count, rank = arguments.num_processes, arguments.process_id
+    if None not in (count, rank) and not 0 <= rank < count:
+        raise InputError(
+            [agvjax.Problem("--process-id", rank, f"from 0 to {count - 1}, one less than --num-processes")]
+        )
+    try:
+        distributed.join(arguments.coordinator, count, rank)
+    except (RuntimeError, ValueError) as error:
+        raise RunFailed(f"the processes did not meet at {arguments.coordinator}: {error}") from error
+    arguments.quiet = arguments.quiet or not distributed.chief()
 
 
 def unasked(config: Config) -> None:

@@ -29,7 +29,12 @@ from ..sweep.design import LAW, SENSITIVITY, Design, design
 from ..sweep.page import Verdict
 from .common import RunFailed, configure, new_folder, say, warn
 
-NEEDS = {"saltelli": "SALib", "morris": "SALib", "netcdf": "xarray", "parquet": "pyarrow"}
+NEEDS = {
+    "saltelli": ("SALib",),
+    "morris": ("SALib",),
+    "netcdf": ("xarray", "h5netcdf", "h5py"),
+    "parquet": ("pyarrow",),
+}
 MOST_MAPS = 6
 
 
@@ -40,8 +45,14 @@ def run(arguments: argparse.Namespace) -> int:
     laws = _controllers(config)
     plan = design(config)
     rank, count = _place(arguments)
+    rolled = {
+        "fails": {},
+        "radius": True,
+        "export": (),
+        "metrics": work.kept(config),
+    }  # shards do not hang on the others
     made = shards.manifest(
-        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, export=()))),
+        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **rolled))),
         config.seed,
         {name: configuration.gains_table(law) for name, law in laws.items()},
         plan.size,
@@ -49,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         metrics={name: unit(name) for name in work.kept(config)},
         leaves={name: plan.unit(name) for name in plan.names},
     )
-    out = _folder(arguments, made, count)
+    out, said = _folder(arguments, made, count), configuration.dump(config)
     warn(arguments, config, "sweep")
     plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
     say(arguments, f"{plan.size} scenarios{plural} in {len(made.shards)} shards; compiling ...")
@@ -59,9 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
         if not ours:
             say(arguments, f"every shard is there; another process writes the report to {out}")
             return 0
-        if (out / "report.html").exists() and not config.sweep.export:
+        if (out / "report.html").exists() and (out / "config.toml").read_text(encoding="utf-8") == said:
             say(arguments, f"complete, with its report: {out}/report.html")
             return 0
+        runs.write(out / "config.toml", said)
         say(arguments, "looking at what was found ...")
         _conclude(arguments, config, results.load(out), laws, judges, out)
     shards.sweep_up(out)
@@ -106,11 +118,17 @@ def _axis(text: str) -> dict[str, Any]:
 
 def _installed(config: Config) -> None:
     """Refuse what needs a library that is not there."""
-    asked = [config.sweep.design, *config.sweep.export]
-    missing = {name: NEEDS[name] for name in asked if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None}
+    asked = [("design", config.sweep.design), *(("export", name) for name in config.sweep.export)]
+    missing = [
+        Problem(
+            f"sweep.{key}", name, f"one whose libraries are installed ({library} is not: pip install 'agvjax[sweep]')"
+        )
+        for key, name in asked
+        for library in NEEDS.get(name, ())
+        if importlib.util.find_spec(library) is None
+    ]
     if missing:
-        rule = "one whose library is installed: pip install 'agvjax[sweep]'"
-        raise InputError([Problem("sweep", f"{name} ({library})", rule) for name, library in missing.items()])
+        raise InputError(missing)
 
 
 def _controllers(config: Config) -> dict[str, Any]:
@@ -168,7 +186,6 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, count: int) ->
             if out is None or not (out / shards.MANIFEST).exists():  # else another process began it just now
                 raise
         else:
-            runs.write(out / "config.toml", made.config)
             shards.write_manifest(out, made)
             return out
     try:

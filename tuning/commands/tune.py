@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import functools
 import itertools
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from tqdm import tqdm
 import agvjax
 from agvjax import InputError
 
-from .. import analysis, report, runs, startup
+from .. import analysis, distributed, report, runs, startup
 from .. import config as configuration
 from ..ensemble import sample
 from ..markdown import grid, html
@@ -43,10 +45,15 @@ def run(arguments: argparse.Namespace) -> int:
     if config.tune.choices:
         return _choose(arguments, config)
     posed = pose(config)
-    out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
-    begun = _begun(posed, out)
-    warn(arguments, config, "tune", "simulate")
-    found = _tune(arguments, posed, begun, out)[1]
+    with contextlib.ExitStack() as left:
+        if distributed.chief():
+            out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+        else:
+            out = Path(left.enter_context(distributed.own_folder()))
+        distributed.share(out / runs.CHECKPOINT)
+        begun = _begun(posed, out)
+        warn(arguments, config, "tune", "simulate")
+        found = _tune(arguments, posed, begun, out)[1]
     if found.over:
         raise RunFailed(" ".join(["limits not met:", "; ".join(found.over) + ".", *found.conflict]))
     return 0
@@ -72,6 +79,11 @@ def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) ->
         outcome = _solve(arguments, compiled(posed), begun, out)
         say(arguments, "judging on tuning and validation scenarios ...")
         return outcome, _conclude(arguments, outcome, out)
+    except jax.errors.JaxRuntimeError as error:
+        if not distributed.joined():
+            raise
+        again = "begin all of them again with --resume, the run goes on from its last checkpoint"
+        raise RunFailed(f"another process was lost; {again} ({error})") from error
     except RuntimeError as error:
         raise RunFailed(str(error)) from error
 
@@ -146,7 +158,12 @@ def _identity(posed: Posed) -> tuple[str, Any]:
 
 
 def compiled(posed: Posed) -> Posed:
-    """The problem with all that tuning will call made ready, the Jacobian first."""
+    """The problem with all that tuning will call made ready, the Jacobian first.
+
+    Not where several processes compute together: they must do the same in the same order.
+    """
+    if distributed.joined():
+        return posed
     posed = steered(posed)
     config, (settings, z), adversary, push = posed.config, _identity(posed), posed.adversary, posed.tuner.prepared
     push = push if isinstance(push, startup.Ahead) else None
@@ -207,16 +224,15 @@ def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> 
 def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
     """Metrics at the step of `simulate`, which is finer than that of tuning."""
     timing = config.simulate
-    metrics = agvjax.evaluate(
-        as_arrays(controller),
-        batch,
+    evaluate = functools.partial(
+        agvjax.evaluate,
         dt=timing.dt,
         n_steps=steps_of(timing.horizon, timing.dt),
         control_every=timing.control_every,
         criteria=agvjax.Criteria(smooth=True),
         integrator=agvjax.INTEGRATORS[timing.integrator],
     )
-    return jax.tree.map(np.asarray, metrics)
+    return jax.tree.map(np.asarray, distributed.gathered(evaluate)(as_arrays(controller), batch))
 
 
 def verdict(outcome: Outcome) -> tuple[report.Verdict, agvjax.Batch]:

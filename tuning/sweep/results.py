@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,9 +73,8 @@ class Results(NamedTuple):
 
     def to_netcdf(self, path: Path) -> None:
         """The Dataset as netCDF 4, whole or not at all."""
-        part = path.with_name(f".{path.name}.part")
-        self.to_xarray().to_netcdf(part, engine="h5netcdf")
-        part.replace(path)
+        whole = self.to_xarray()
+        _replaced(path, lambda part: whole.to_netcdf(part, engine="h5netcdf"))
 
     def to_parquet(self, path: Path) -> None:
         """A table with a row for each scenario and controller; elements of arrays get columns of their own."""
@@ -87,11 +88,9 @@ class Results(NamedTuple):
             for i in range(flat.shape[1]):
                 columns[name if values.ndim == 1 else f"{name}[{i}]"] = np.tile(flat[:, i], len(self.names))
         columns |= {name: values.ravel() for name, values in self.metrics.items()} | {"ok": self.ok.ravel()}
-        units = {name: unit for name, unit in (self.manifest.leaves | self.manifest.metrics).items()}
-        table = pyarrow.table(columns).replace_schema_metadata({"units": str(units), "digest": self.manifest.digest})
-        part = path.with_name(f".{path.name}.part")
-        parquet.write_table(table, part)
-        part.replace(path)
+        units = json.dumps(self.manifest.leaves | self.manifest.metrics)
+        table = pyarrow.table(columns).replace_schema_metadata({"units": units, "digest": self.manifest.digest})
+        _replaced(path, lambda part: parquet.write_table(table, part))
 
 
 def load(folder: str | Path) -> Results:
@@ -118,6 +117,16 @@ def load(folder: str | Path) -> Results:
         metrics={name: join(f"result/{name}", 1) for name in made.metrics},
         leaves={name: join(f"leaf/{name}", 0) for name in made.leaves},
     )
+
+
+def _replaced(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` fill a file, and put it in its place when it is whole."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        write(part)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _join(whole: list[dict[str, np.ndarray]], name: str, axis: int) -> np.ndarray:

@@ -1,0 +1,387 @@
+"""Sweeps: which scenarios, what is known of them, and how they survive whatever happens to a process or a disk."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.stats import qmc
+
+import agvjax
+from agvjax import Command, Scenario
+from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
+from tuning.ensemble import Span, uniform
+from tuning.settings import Bound, Search, Sweep
+from tuning.sweep import findings, radius, results, shards, work
+from tuning.sweep.design import design
+
+ROOT = Path(__file__).parent.parent
+RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
+pytestmark = pytest.mark.xdist_group("sweep")  # they share what they compile
+
+
+@pytest.fixture(autouse=True, scope="module")
+def promotion_as_optax_has_it():
+    """As in test_tuning.py."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+@agvjax.pytree
+class Proportional:
+    """A law that compiles quickly."""
+
+    stiffness: float = 30.0
+    damping: float = 8.0
+    turn: float = 4.0
+
+    def init(self, measurement, reference):
+        return ()
+
+    def law(self, flow, held, measurement, reference):
+        e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
+        heading = reference.heading_rate - self.turn * (measurement.heading - reference.heading)
+        return Command(position=-self.stiffness * e - self.damping * de, heading=heading), ()
+
+
+LAW = Proportional()
+
+
+def config_of(*over, law=LAW, **sweep):
+    """A sweep of half a second."""
+    return Config(
+        controller=law,
+        simulate=Simulate(horizon=0.5),
+        tune=Tune(search=Search(scouts=32, starts=3, iterations=6)),
+        sweep=Sweep(over=over, metrics=("rmse",), integrator="euler", **sweep),
+    )
+
+
+STEPS = {"dt": 1e-2, "n_steps": 50, "integrator": agvjax.EULER}
+
+
+# ----------------------------------------------------------------------------------------------------------- designs
+
+
+def test_a_grid_is_crossed_and_what_is_paired_moves_as_one():
+    paired = {RIGHT: Span(Between(0.0, 1.0), 3), LEFT: Span(Times(0.0, 2.0), 3)}
+    plan = design(config_of(paired, {"deadzone.position.slope_right": Span(OneOf((0.5, 0.7)), 2)}))
+    assert plan.shape == (3, 2) and plan.samples == 1 and plan.size == 6
+    made = plan.values(0, 6)
+    np.testing.assert_allclose(made[RIGHT], [0.0, 0.0, 0.5, 0.5, 1.0, 1.0])
+    np.testing.assert_allclose(made[LEFT], [0.0, 0.0, 0.4, 0.4, 0.8, 0.8])  # nominal .4
+    np.testing.assert_allclose(made["deadzone.position.slope_right"], [0.5, 0.7] * 3)
+
+
+def test_elements_and_gains_are_leaves_too():
+    plan = design(
+        config_of(
+            {"start.position[1]": Span(Between(2.0, 4.0), 2)},
+            {"controller.damping": Span(Times(0.5, 1.0), 2)},
+            {"start.velocity": Span(Between(0.0, 1.0), 2)},
+        )
+    )
+    made = plan.values(0, 8)
+    np.testing.assert_allclose(made["start.position"], [[-0.5, 2.0]] * 4 + [[-0.5, 4.0]] * 4)
+    np.testing.assert_allclose(made["controller.damping"], [4.0, 4.0, 8.0, 8.0] * 2)
+    np.testing.assert_allclose(made["start.velocity"], [[0.0, 0.0], [1.0, 1.0]] * 4)
+    law, scenario = plan.split(made)
+    assert set(law) == {"damping"} and set(scenario) == {"start.position", "start.velocity"}
+
+
+def test_samples_are_the_same_at_every_node():
+    plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 4)}, {LEFT: Span(Between(0.0, 1.0))}, samples=5))
+    made = plan.values(0, 20)
+    np.testing.assert_array_equal(made[LEFT].reshape(4, 5), np.tile(made[LEFT][:5], (4, 1)))
+    np.testing.assert_allclose(made[RIGHT].reshape(4, 5)[:, 0], [0, 1 / 3, 2 / 3, 1])
+    assert len(set(made[LEFT])) == 5
+
+
+@pytest.mark.parametrize("method", ["random", "sobol", "latin", "saltelli", "morris"])
+@pytest.mark.parametrize("grid", [False, True])
+def test_any_part_of_a_design_is_that_part_of_the_whole(method, grid):
+    if grid and method in ("saltelli", "morris"):
+        pytest.skip("they have no grid")
+    over = [{RIGHT: Span(Between(0.0, 1.0), 3)}] if grid else []
+    plan = design(config_of(*over, ensemble=True, samples=11 if method != "saltelli" else 16, design=method))
+    whole = plan.values(0, plan.size)
+    for first, count in ((0, 1), (1, 3), (5, plan.size - 5), (plan.size - 1, 1)):
+        part = plan.values(first, count)
+        assert all(np.array_equal(part[name], whole[name][first : first + count]) for name in whole)
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 5])
+def test_random_numbers_hang_on_the_place_of_the_scenario_alone(width):
+    whole = uniform(3, "leaf", 40, width)
+    for first in (0, 1, 2, 3, 4, 7, 39):
+        np.testing.assert_array_equal(uniform(3, "leaf", 40 - first, width, first), whole[first:])
+    assert stats.kstest(uniform(3, "leaf", 4000).ravel(), "uniform").pvalue > 1e-3
+
+
+def test_sobol_and_latin_points_are_spread_more_evenly_than_random_ones():
+    over = [{name: Span(Between(0.0, 1.0))} for name in (RIGHT, LEFT)]
+
+    def shares(method):
+        return design(config_of(*over, samples=256, design=method)).shares(0, 256)
+
+    for method in ("sobol", "latin"):
+        layers = np.sort((shares(method) * 256).astype(int), axis=0)
+        np.testing.assert_array_equal(layers, np.tile(np.arange(256)[:, None], 2))  # one in every layer
+    assert qmc.discrepancy(shares("sobol")) < 0.05 * qmc.discrepancy(shares("random"))
+
+
+def test_a_distribution_is_swept_without_its_tails():
+    plan = design(config_of({"start.heading": Span(Distribution("norm", {"scale": 2.0}), 3)}))
+    wanted = 2 * stats.norm.ppf([1e-3, 0.5, 1 - 1e-3])
+    np.testing.assert_allclose(plan.values(0, 3)["start.heading"], wanted, atol=1e-12)
+
+
+# -------------------------------------------------------------------------------------------- rolled out, on the disk
+
+
+@pytest.fixture(scope="module")
+def small():
+    """Two gains by two thresholds by samples of the start, and the judge of it."""
+    config = config_of(
+        {"controller.stiffness": Span(OneOf((15.0, 25.0)), 2)},
+        {RIGHT: Span(Between(0.2, 0.9), 2)},
+        {"start.heading": Span(Between(-0.5, 0.5))},
+        samples=5,
+        shard=7,
+    )
+    plan = design(config)
+    return config, plan, work.judges(config, plan, [config.controller], 7)
+
+
+def manifest_of(config, plan):
+    return shards.manifest(
+        "the configuration",
+        config.seed,
+        {"configured": "its gains"},
+        plan.size,
+        config.sweep.shard,
+        metrics={"rmse": "m, rad"},
+        leaves={name: plan.unit(name) for name in plan.names},
+    )
+
+
+def rolled(folder, small, **more):
+    config, plan, judges = small
+    made = manifest_of(config, plan)
+    shards.write_manifest(folder, made)
+    return made, work.run(folder, made, plan, judges, **more)
+
+
+def test_shards_hold_what_single_runs_give(small, tmp_path):
+    config, plan, _ = small
+    made, count = rolled(tmp_path, small)
+    assert count == 3 and made.shards == [(0, 7), (7, 7), (14, 6)]
+    whole = [shards.read_shard(tmp_path, made, i) for i in range(3)]
+    rmse = np.concatenate([part["result/rmse"][0] for part in whole])
+    assert len(set(rmse)) == 20
+    for number in (0, 6, 13, 19):
+        law, scenario = plan.split({name: value[0] for name, value in plan.values(number, 1).items()})
+        one = agvjax.evaluate(agvjax.replace(config.controller, law), agvjax.replace(Scenario(), scenario), **STEPS)
+        np.testing.assert_allclose(rmse[number], one.total_rmse, rtol=1e-12)
+    assert shards.read_manifest(tmp_path) == made
+
+
+def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(small, tmp_path):
+    made, _ = rolled(tmp_path, small)
+    before = {i: shards.path_of(tmp_path, i).read_bytes() for i in range(3)}
+    time_of_first = shards.path_of(tmp_path, 0).stat().st_mtime_ns
+    cut = shards.path_of(tmp_path, 1)
+    cut.write_bytes(before[1][:-200])
+    flipped = bytearray(before[2])
+    flipped[200] ^= 1  # inside the first array
+    shards.path_of(tmp_path, 2).write_bytes(bytes(flipped))
+    assert shards.read_shard(tmp_path, made, 1) is None and shards.read_shard(tmp_path, made, 2) is None
+    ticks = []
+    assert work.run(tmp_path, made, *small[1:], tick=ticks.append) == 2
+    assert ticks == [7, 7, 6]
+    assert {i: shards.path_of(tmp_path, i).read_bytes() for i in range(3)} == before  # archives carry no date
+    assert shards.path_of(tmp_path, 0).stat().st_mtime_ns == time_of_first
+
+
+def test_a_shard_of_another_sweep_is_none(small, tmp_path):
+    config, plan, _ = small
+    made, _ = rolled(tmp_path, small)
+    other = made._replace(digest="another")
+    assert shards.read_shard(tmp_path, other, 0) is None
+    (tmp_path / shards.MANIFEST).write_text("{}")
+    with pytest.raises(ValueError, match="holds no sweep"):
+        shards.read_manifest(tmp_path)
+
+
+def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path, monkeypatch):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    claim = shards.Claim(tmp_path, "shard-00000")
+    host = os.uname().nodename
+    for holder, age, free in (
+        (f"{host} {gone.pid}", 0, True),
+        (f"{host} {os.getppid()}", 1000, False),
+        ("elsewhere 1", 1000, True),
+        ("elsewhere 1", 0, False),
+    ):
+        claim.path.write_text(holder)
+        os.utime(claim.path, (time.time() - age,) * 2)
+        assert claim.take() is free, holder
+        assert claim.path.read_text() == (claim.name if free else holder)
+    claim.release()
+    assert not claim.path.exists()
+
+
+# ----------------------------------------------------------------------------------------------------------- findings
+
+
+def made_up(plan, metrics, ok=None):
+    """Results with these metrics (N,) of one controller."""
+    values = {name: np.asarray(value, float)[None] for name, value in metrics.items()}
+    made = shards.manifest("", 0, {"one": ""}, plan.size, plan.size, metrics=dict.fromkeys(metrics, "1"), leaves={})
+    ok = np.ones(plan.size, bool) if ok is None else ok
+    return results.Results(made, config_of(), plan, ok[None], values, plan.values(0, plan.size))
+
+
+@pytest.mark.parametrize(("p", "n"), [(0.01, 50), (0.3, 20), (0.002, 1000)])
+def test_the_interval_covers_the_probability(p, n):
+    """Summed over every possible count: no sampling, no seed."""
+    counts = np.arange(n + 1)
+    ends = np.array([findings.interval(int(k), n) for k in counts])
+    covered = (ends[:, 0] <= p) & (p <= ends[:, 1])
+    assert stats.binom.pmf(counts, n, p)[covered].sum() >= 0.95
+
+
+def test_the_failure_probability_of_a_loop_is_that_which_can_be_computed():
+    """A vehicle that is left alone and begins beyond the limit is latched at once: |x| > limit, nearly."""
+    idle = Proportional(stiffness=0.0, damping=0.0, turn=0.0)
+    config = config_of({"start.position[0]": Span(Between(0.0, 2000.0))}, law=idle, samples=400, fails={})
+    plan = design(config)
+    rest = 0.5**2 + 2 * 0.1**2 + 0.1**2  # y, velocity and heading at the start
+    truth = 1 - np.sqrt(Scenario().limit ** 2 - rest) / 2000.0
+    made = work.judges(config, plan, [config.controller], 400)[0](plan.values(0, 400))
+    found = made_up(plan, {"rmse": made["rmse"]}, np.asarray(made["ok"]))
+    (seen,) = findings.failures(found, findings.failed(found, {}))
+    assert seen.low <= truth <= seen.high and seen.diverged == seen.failed
+    assert seen.high - seen.low < 0.11  # as wide as 400 draws make it
+
+
+def test_a_run_fails_beyond_its_bound_and_where_it_has_no_value():
+    plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 5)}))
+    found = made_up(plan, {"rmse": [1.0, 2.0, np.nan, 3.0, np.inf]}, np.array([True, True, True, False, True]))
+    assert findings.failed(found, {"rmse": 1.5}).tolist() == [[False, True, True, True, True]]
+    bounds = findings.absolute({"rmse": Bound(value=2.0), "effort": Bound(value=9.0, absolute=True)}, {"rmse": 0.7})
+    assert bounds == {"rmse": 1.4, "effort": 9.0}
+    assert findings.worst(np.array([1.0, np.inf, 3.0, 3.0]), 3).tolist() == [1, 2, 3]
+
+
+def test_a_cut_shows_median_band_and_worst_over_all_else():
+    plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, {LEFT: Span(Between(0.0, 1.0), 101)}))
+    found = made_up(plan, {"rmse": np.r_[np.arange(101.0), 1000 + np.arange(101.0)]})
+    at, rows = findings.cut(found, found.metrics["rmse"][0], 0)
+    np.testing.assert_array_equal(at, [0.0, 1.0])
+    np.testing.assert_array_equal(rows, [[5, 50, 95, 100], [1005, 1050, 1095, 1100]])
+    at, rows = findings.cut(found, found.metrics["rmse"][0], 1)
+    np.testing.assert_array_equal(rows[:, 3], 1000 + np.arange(101.0))
+
+
+def of_angles(method, samples):
+    """Three angles from -pi to pi, and their values."""
+    pytest.importorskip("SALib")
+    names = ("start.heading", "start.position[0]", "start.position[1]")
+    over = [{name: Span(Between(-np.pi, np.pi))} for name in names]
+    plan = design(config_of(*over, samples=samples, design=method))
+    made = plan.values(0, plan.size)
+    return plan, (made["start.heading"], made["start.position"][:, 0], made["start.position"][:, 1])
+
+
+def test_sobol_indices_of_ishigamis_function():
+    plan, (x, y, z) = of_angles("saltelli", 4096)
+    a, b = 7.0, 0.1
+    found = findings.indices("saltelli", plan.sampled, plan, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
+    variance = a**2 / 8 + b * np.pi**4 / 5 + b**2 * np.pi**8 / 18 + 0.5
+    first = np.array([0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, 0.0]) / variance
+    joint = b**2 * np.pi**8 * (1 / 18 - 1 / 50) / variance
+    np.testing.assert_allclose([index.first for index in found], first, atol=0.02)
+    np.testing.assert_allclose([index.total for index in found], first + [joint, 0.0, joint], atol=0.02)
+    assert [index.axis for index in found] == ["start.heading", "start.position[0]", "start.position[1]"]
+
+
+def test_morris_effects_of_a_plane():
+    plan, (x, y, z) = of_angles("morris", 20)
+    found = findings.indices("morris", plan.sampled, plan, 2 * x - 0.5 * y + 0 * z)
+    np.testing.assert_allclose([index.first for index in found], [4 * np.pi, np.pi, 0.0], atol=1e-9)
+    np.testing.assert_allclose([index.total for index in found], 0.0, atol=1e-9)
+
+
+def test_an_infinite_metric_has_no_sensitivities():
+    plan, _ = of_angles("saltelli", 16)
+    values = np.ones(plan.size)
+    values[3] = np.inf
+    assert findings.sensitivity(made_up(plan, {"rmse": values}), values) == []
+
+
+# ------------------------------------------------------------------------------------------------------------- radius
+
+
+def test_the_radius_is_that_of_a_dense_grid():
+    heading, slope = "start.heading", "deadzone.heading.slope_left"
+    over = {heading: Span(Between(-1.0, 2.0)), slope: Span(Times(0.3, 1.5))}
+    config = config_of(*({name: span} for name, span in over.items()), samples=4)
+    plan = design(config)
+    moves = np.stack(np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41)), -1).reshape(-1, 2)
+    ends = {heading: (-1.0, 0.1, 2.0), slope: (0.3 * 0.72, 0.72, 1.5 * 0.72)}  # low, nominal, high: by hand
+    values = {
+        name: np.where(m >= 0, middle + m * (high - middle), middle + m * (middle - low))
+        for m, (name, (low, middle, high)) in zip(moves.T, ends.items(), strict=True)
+    }
+    metrics = agvjax.evaluate(config.controller, agvjax.batch(Scenario(), values), **STEPS)
+    nominal = agvjax.evaluate(config.controller, Scenario(), **STEPS)
+    bound = {"peak_heading": 2.2 * float(nominal.peak_heading)}
+    far = np.abs(moves).max(axis=1)
+    bad = np.asarray(metrics.peak_heading) > bound["peak_heading"]
+    truth = far[bad].min()
+    assert 0.2 < truth < 0.9
+    found = made_up(plan, {"peak_heading": np.zeros(4)})
+    seen = radius.radius(found, np.zeros(4, bool), config.controller, radius.adversary(config, plan, bound))
+    assert truth - 0.05 - radius.CLOSE <= seen.radius <= seen.failure <= truth
+    assert seen.failure - seen.radius <= radius.CLOSE
+    np.testing.assert_allclose(seen.ends[heading], [0.1 - 1.1 * seen.radius, 0.1 + 1.9 * seen.radius], rtol=1e-9)
+    again = agvjax.evaluate(config.controller, agvjax.replace(Scenario(), seen.scenario), **STEPS)
+    assert float(again.peak_heading) > bound["peak_heading"]
+    # a failure among the sweep's own samples is nearer than any that the search would look for
+    near = made_up(plan, {"peak_heading": np.zeros(4)})
+    which = np.array([False, True, False, False])
+    reach = radius.Reach.of(plan).distance(near.leaves)[1]
+    seen = radius.radius(near, which, config.controller, radius.adversary(config, plan, {"peak_heading": 1e9}))
+    assert seen.failure == pytest.approx(reach) and seen.radius < reach
+
+
+def test_where_nothing_fails_the_radius_is_the_whole_box():
+    config = config_of({RIGHT: Span(Times(0.9, 1.1))}, samples=2)
+    plan = design(config)
+    seeker = radius.adversary(config, plan, {"rmse": 1e6})
+    seen = radius.radius(made_up(plan, {"rmse": np.zeros(2)}), np.zeros(2, bool), config.controller, seeker)
+    assert seen.radius == 1.0 and seen.failure is None
+    np.testing.assert_allclose(seen.ends[RIGHT], [0.45, 0.55])
+
+
+# ---------------------------------------------------------------------------------------------- controllers in batches
+
+
+def test_a_batch_of_controllers_pairs_with_one_of_scenarios():
+    gains, headings = np.array([10.0, 20.0, 30.0]), np.array([-0.3, 0.1, 0.6])
+    laws = agvjax.batch(Proportional(), {"stiffness": gains})
+    scenes = agvjax.batch(Scenario(), {"start.heading": headings})
+    both, alone = agvjax.evaluate(laws, scenes, **STEPS), agvjax.evaluate(laws, Scenario(), **STEPS)
+    for i in range(3):
+        law, scene = laws[i], scenes[i]
+        np.testing.assert_allclose(both.rmse[i], agvjax.evaluate(law, scene, **STEPS).rmse, rtol=1e-12)
+        np.testing.assert_allclose(alone.rmse[i], agvjax.evaluate(law, Scenario(), **STEPS).rmse, rtol=1e-12)
+    with pytest.raises(ValueError, match="same size"):
+        agvjax.evaluate(laws, agvjax.batch(Scenario(), {"start.heading": headings[:2]}), **STEPS)
