@@ -92,6 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except (InputError, RunFailed) as error:
             print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
             return 2 if isinstance(error, InputError) else 1
+        except OSError as error:  # a full disk, a folder that went away
+            print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
+            return 1
     except KeyboardInterrupt:
         print(f"agvjax {arguments.command}: interrupted", file=sys.stderr)
         return 130

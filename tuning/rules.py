@@ -237,4 +237,11 @@ def _axis(config: Config, name: str, draw: Draw) -> list[agvjax.Problem]:
     ends = box(draw, part)
     if element is not None:
         ends = tuple(np.where(np.arange(nominal.size) == element, end, nominal) for end in ends)
-    return _ends(tree, inner, ends, f"sweep.over.{name}")
+    found = _ends(tree, inner, ends, f"sweep.over.{name}")
+    if found or not lawful:
+        return found
+    step, method = config.sweep.dt, agvjax.INTEGRATORS[config.sweep.integrator]
+    for end in ends:
+        moved = agvjax.replace(tree, {inner: end})
+        found += agvjax.step_problems(moved, step, config.simulate.horizon, method)
+    return [p._replace(key=f"sweep.dt, with {name} at an end of its axis") for p in found[:1]]

@@ -12,7 +12,7 @@ import agvjax
 from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
 from agvjax.simulate import DT, N_STEPS
 
-from .ensemble import Draw, Span, Times, default_draws
+from .ensemble import Between, Draw, Span, Times, default_draws
 from .objective import METRICS, Objective, Requirement
 from .optimise import Tuner
 from .worst import Adversary
@@ -156,11 +156,9 @@ class Bound:
 
 
 def default_over() -> tuple[dict[str, Span], ...]:
-    """How far may the position's deadzone drift? Thresholds up to four times nominal, slopes down to a tenth."""
-    sides = ("right", "left")
-    wider = {f"deadzone.position.threshold_{side}": Span(Times(0.0, 4.0), 41) for side in sides}
-    flatter = {f"deadzone.position.slope_{side}": Span(Times(0.1, 1.5), 41) for side in sides}
-    return wider, flatter
+    """How far may the position's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
+    slopes = {f"deadzone.position.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
+    return slopes, {"disturbance.amplitude": Span(Between(0.0, 2.0), 41)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

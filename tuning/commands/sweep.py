@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import importlib.util
 import os
 import re
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from agvjax import InputError, Problem
 from .. import config as configuration
 from .. import runs
 from ..markdown import html
-from ..objective import unit
 from ..settings import Config
 from ..sweep import figures, findings, page, results, shards, work
 from ..sweep import radius as radii
@@ -36,6 +35,7 @@ NEEDS = {
     "parquet": ("pyarrow",),
 }
 MOST_MAPS = 6
+BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -45,22 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     laws = _controllers(config)
     plan = design(config)
     rank, count = _place(arguments)
-    rolled = {
-        "fails": {},
-        "radius": True,
-        "export": (),
-        "metrics": work.kept(config),
-    }  # shards do not hang on the others
-    made = shards.manifest(
-        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **rolled))),
-        config.seed,
-        {name: configuration.gains_table(law) for name, law in laws.items()},
-        plan.size,
-        config.sweep.shard,
-        metrics={name: unit(name) for name in work.kept(config)},
-        leaves={name: plan.unit(name) for name in plan.names},
-    )
-    out, said = _folder(arguments, made, count), configuration.dump(config)
+    made = work.manifest_of(config, plan, laws)
+    said = configuration.dump(config)
+    out = _folder(arguments, made, said)
     warn(arguments, config, "sweep")
     plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
     say(arguments, f"{plan.size} scenarios{plural} in {len(made.shards)} shards; compiling ...")
@@ -145,8 +132,17 @@ def _controllers(config: Config) -> dict[str, Any]:
             raise InputError([Problem("sweep.controllers", name, f"with the swept gains {', '.join(sorted(missing))}")])
         if label in laws:
             raise InputError([Problem("sweep.controllers", name, "named once")])
+        _steppable(config, law, name)
         laws[label] = law
     return laws
+
+
+def _steppable(config: Config, law: Any, name: str) -> None:
+    """Refuse a controller that the step of the sweep would make diverge."""
+    step, method = config.sweep.dt, agvjax.INTEGRATORS[config.sweep.integrator]
+    found = agvjax.step_problems(law, step, config.simulate.horizon, method)
+    if found:
+        raise InputError([p._replace(key=f"sweep.dt, for {name}") for p in found])
 
 
 def _place(arguments: argparse.Namespace) -> tuple[int, int]:
@@ -160,7 +156,8 @@ def _place(arguments: argparse.Namespace) -> tuple[int, int]:
     if None not in given:
         rank, count = given
     elif given != (None, None):
-        raise InputError([Problem("--process-id", arguments.process_id, "given together with --num-processes")])
+        shown = "none" if arguments.process_id is None else arguments.process_id
+        raise InputError([Problem("--process-id", shown, "given together with --num-processes")])
     else:
         found = [(os.environ[a], os.environ.get(b, "1")) for a, b in variables if a in os.environ]
         rank, count = (int(found[0][0]), int(found[0][1])) if found else (0, 1)
@@ -172,7 +169,7 @@ def _place(arguments: argparse.Namespace) -> tuple[int, int]:
     return rank, count
 
 
-def _folder(arguments: argparse.Namespace, made: shards.Manifest, count: int) -> Path:
+def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> Path:
     """A new folder with the manifest, or one in which this very sweep has begun."""
     out = Path(arguments.out) if arguments.out else None
     if out is None or not (out / shards.MANIFEST).exists():
@@ -183,9 +180,10 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, count: int) ->
         try:
             out = new_folder(arguments)
         except InputError:
-            if out is None or not (out / shards.MANIFEST).exists():  # else another process began it just now
+            if out is None or not _just_begun(out):
                 raise
         else:
+            runs.write(out / "config.toml", said)
             shards.write_manifest(out, made)
             return out
     try:
@@ -198,6 +196,17 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, count: int) ->
     if before.versions != made.versions:
         say(arguments, f"note: this sweep was begun with {before.versions}, here are {made.versions}")
     return out
+
+
+def _just_begun(out: Path) -> bool:
+    """Whether another process is beginning the same sweep in this very moment; waits for its manifest."""
+    for _ in range(BEGINNING):
+        if (out / shards.MANIFEST).exists():
+            return True
+        if any(path.name != "config.toml" and path.suffix != ".part" for path in out.iterdir()):
+            return False
+        time.sleep(0.1)
+    return False
 
 
 def _changed(old: str, new: str) -> str:

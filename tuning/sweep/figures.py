@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import CenteredNorm, Normalize
+from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ..objective import unit
@@ -15,6 +15,8 @@ from .design import Axis, Design
 from .findings import Index, cut
 from .results import Results
 
+CUTS = 6  # axes shown
+WIDE = 8  # ratio from which colours are logarithmic
 MAPS = 4  # controllers beside each other in a figure
 
 
@@ -59,7 +61,8 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
     pictures = [_on_map(results, values, _finite_mean) for values in results.metrics[metric][:MAPS]]
     finite = np.concatenate([p[np.isfinite(p)] for p in pictures])
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
-    norm = Normalize(low, max(high, low + 1e-12))
+    high = max(high, low + 1e-12)
+    norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
     figure = Figure(figsize=(4.6 * len(pictures) + 1, 4.2), layout="constrained")
     panels = np.ravel(figure.subplots(1, len(pictures), squeeze=False))
     for i, (axes, picture) in enumerate(zip(panels, pictures, strict=True)):
@@ -107,11 +110,11 @@ def _finite_mean(values: np.ndarray, axis: int) -> np.ndarray:
 def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) -> Figure:
     """Metrics along every axis: median, the band of 90 % and the worst over all else."""
     plan, colours = results.design, [f"C{i}" for i in range(10)]
-    every = (*plan.grid, *plan.sampled)[:6]
+    every = _telling(results, metrics[0])
     figure = Figure(figsize=(3.6 * len(every) + 0.6, 2.9 * len(metrics) + 0.5), layout="constrained")
     panels = figure.subplots(len(metrics), len(every), squeeze=False)
     for row, metric in zip(panels, metrics, strict=True):
-        for place, (axes, axis) in enumerate(zip(row, every, strict=True)):
+        for axes, (place, axis) in zip(row, every, strict=True):
             axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
             for i, name in enumerate(results.names):
                 at, found = cut(results, results.metrics[metric][i], place)
@@ -128,6 +131,19 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
     panels[0][0].legend(fontsize=7)
     figure.suptitle("median, 90 % band and worst (dotted) over all else; grey: nominal; red: failure", fontsize=9)
     return figure
+
+
+def _telling(results: Results, metric: str) -> list[tuple[int, Axis]]:
+    """The axes to show, each with its place: those of the grid, then the sampled ones that move the median most."""
+    plan = results.design
+
+    def swing(place: int) -> float:
+        middle = cut(results, results.metrics[metric][0], place)[1][:, 1]
+        return -float(np.ptp(middle)) if np.all(np.isfinite(middle)) else -np.inf
+
+    first, every = range(len(plan.grid)), (*plan.grid, *plan.sampled)
+    rest = sorted(range(len(plan.grid), len(every)), key=swing)
+    return [(place, every[place]) for place in (*first, *rest)][:CUTS]
 
 
 def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:

@@ -101,7 +101,11 @@ def load(folder: str | Path) -> Results:
     """
     folder = Path(folder)
     made = shards.read_manifest(folder)
-    plan = opened(made)
+    return collect(folder, made, config_of(made), opened(made))
+
+
+def collect(folder: Path, made: Manifest, config: Config, plan: Design) -> Results:
+    """The results in a folder whose sweep is known; raises as `load`."""
     found = [shards.read_shard(folder, made, i) for i in range(len(made.shards))]
     missing = [i for i, arrays in enumerate(found) if arrays is None]
     if missing:
@@ -111,7 +115,7 @@ def load(folder: str | Path) -> Results:
     join = functools.partial(_join, whole)
     return Results(
         manifest=made,
-        config=config_of(made),
+        config=config,
         design=plan,
         ok=join("result/ok", 1),
         metrics={name: join(f"result/{name}", 1) for name in made.metrics},

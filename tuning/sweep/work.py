@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import numpy as np
 
 import agvjax
 
-from ..objective import METRICS
+from .. import config as configuration
+from ..objective import METRICS, unit
 from ..settings import Config, steps_of
 from . import shards
-from .design import Design
+from .design import Design, design
+from .results import Results, collect
 from .shards import Manifest
 
 WAIT = 0.5  # s between looks at what others are doing
@@ -26,6 +29,44 @@ Judge = Callable[[Any], dict[str, Any]]
 def kept(config: Config) -> tuple[str, ...]:
     """The metrics that are asked for, and those that decide over failure."""
     return tuple(dict.fromkeys((*config.sweep.metrics, *config.sweep.fails)))
+
+
+def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manifest:
+    """The manifest of a sweep; what its shards do not hang on is left out, and may be changed afterwards."""
+    free: dict[str, Any] = {"fails": {}, "radius": True, "export": (), "metrics": kept(config)}
+    return shards.manifest(
+        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **free))),
+        config.seed,
+        {name: configuration.gains_table(law) for name, law in laws.items()},
+        plan.size,
+        config.sweep.shard,
+        metrics={name: unit(name) for name in kept(config)},
+        leaves={name: plan.unit(name) for name in plan.names},
+    )
+
+
+def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None = None) -> Results:
+    """Roll out what is missing in a folder, and return all of it.
+
+    Args:
+        config: the scenarios are those of its `sweep`.
+        folder: new, or with what an interrupted call left.
+        laws: controllers by name, the first also the one whose gains are swept; None for the configured one.
+
+    Raises:
+        ValueError: the folder holds another sweep.
+    """
+    folder, plan = Path(folder), design(config)
+    laws = {"configured": config.controller} if laws is None else laws
+    made = manifest_of(config, plan, laws)
+    if (folder / shards.MANIFEST).exists():
+        if shards.read_manifest(folder).digest != made.digest:
+            raise ValueError(f"{folder} holds another sweep")
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
+        shards.write_manifest(folder, made)
+    run(folder, made, plan, judges(config, plan, list(laws.values()), min(made.shard, made.size)))
+    return collect(folder, made, config, plan)
 
 
 def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list[Judge]:
