@@ -12,7 +12,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune reproduce compare bench dev test slow check lint types notebooks format clean
+.PHONY: help tune sweep reproduce compare bench dev test slow check lint types notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -20,6 +20,9 @@ help: ## this list
 
 tune: $(VENV)/.installed ## tune the gains of the paper's controller; results in runs/tune-TIME, or in OUT; more options in ARGS
 	$(BIN)/agvjax tune $(if $(OUT),--out $(OUT)) $(ARGS)
+
+sweep: $(VENV)/.installed ## where do the gains fail? results in runs/sweep-TIME, or in OUT; more options in ARGS
+	$(BIN)/agvjax sweep $(if $(OUT),--out $(OUT)) $(ARGS)
 
 reproduce: $(VENV)/.installed ## rebuild the paper's tables and figures; results in runs/reproduce-TIME, or in OUT
 	$(BIN)/agvjax reproduce $(if $(OUT),--out $(OUT)) $(ARGS)

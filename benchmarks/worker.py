@@ -23,6 +23,8 @@ def main() -> None:
     begin = time.perf_counter()
     if job["kind"] == "rollout":
         from . import rollout as part
+    elif job["kind"] == "sweep":
+        from . import sweep as part
     else:
         from . import gradient as part
     run = part.prepare(job)

@@ -393,6 +393,92 @@ def test_a_bad_setting_is_named_with_its_value_and_rule(command, setting, refuse
     assert not (tmp_path / "out").exists()
 
 
+RIGHT = "deadzone.position.threshold_right"
+BAD_SWEEP = {
+    "unknown leaf": (["--over", "start.headin=0:1:3"], ("sweep.over", "start.headin", "mean start.heading?")),
+    "unknown gain": (["--over", "controller.k9=0:1:3"], ("sweep.over", "controller.k9", "controller.k3?")),
+    "no axis": (["--over", RIGHT], ("--over", RIGHT, "LEAF=LOW:HIGH")),
+    "no numbers": (["--over", f"{RIGHT}=a:b:c"], ("--over", "a:b:c", "LEAF=LOW:HIGH")),
+    "reversed": (["--over", f"{RIGHT}=1:0:3"], (f"sweep.over.{RIGHT}", "low")),
+    "no points": (["--over", f"{RIGHT}=0:1:0"], (f"sweep.over.{RIGHT}", "points")),
+    "what the leaf may not hold": (["--over", f"{RIGHT}=-1:1:3"], (f"sweep.over.{RIGHT}", "-1.0", ">= 0")),
+    "an element that is not there": (["--over", "start.position[2]=0:1:3"], ("start.position[2]", "(2,)")),
+    "twice": (["--over", f"{RIGHT}=0:1:3", "--over", f"{RIGHT}=0:1"], ("sweep.over", RIGHT, "once")),
+    "unequal points": (
+        ["--set", f"sweep.over=[{{{RIGHT}={{between=[0,1],points=2}}, 'start.heading'={{between=[0,1]}}}}]"],
+        ("sweep.over", "as many points"),
+    ),
+    "unknown design": (["--design", "hammersley"], ("sweep.design", "hammersley", "sobol")),
+    "sensitivity of a grid": (["--over", f"{RIGHT}=0:1:3", "--design", "morris"], ("sweep.design", "morris", "grid")),
+    "no sample": (["--samples", "0"], ("sweep.samples", "0")),
+    "unknown metric": (["--set", 'sweep.metrics=["rsme"]'], ("sweep.metrics", "rsme", "rmse?")),
+    "unknown failure": (["--set", "sweep.fails.rsme=2"], ("sweep.fails", "rsme", "rmse?")),
+    "failure at nothing": (["--set", "sweep.fails.rmse=0"], ("sweep.fails.rmse", "> 0")),
+    "unknown export": (["--export", "csv"], ("sweep.export", "csv", "netcdf")),
+    "unknown law": (["--controller", "pid"], ("controller", "pid", "osfc")),
+    "no file": (["--controller", "absent.toml"], ("--config", "absent.toml", "readable")),
+    "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
+    "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
+    "gains too fast for the step": (
+        ["--over", "controller.omega_n=50:500:3"],
+        ("sweep.dt", "omega_n", "command filter"),
+    ),
+    "one of two numbers": (["--process-id", "1"], ("--process-id", "--num-processes")),
+    "no such process": (["--process-id", "2", "--num-processes", "2"], ("--process-id", "2", "from 0 to 1")),
+    "nothing to go on with": (["--resume"], ("--resume", "has begun")),
+}
+
+
+@pytest.mark.parametrize("which", BAD_SWEEP)
+def test_a_bad_sweep_is_named_with_its_value_and_rule(which, refused, tmp_path):
+    given, words = BAD_SWEEP[which]
+    said = refused(["sweep", "--out", str(tmp_path / "out"), *given])
+    for word in words:
+        assert word in said, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_vehicle_of_no_sweep_is_refused(refused, tmp_path):
+    out = str(tmp_path / "out")
+    assert "--from" in refused(["simulate", "--out", out, "--index", "3"])
+    assert "holds no sweep" in refused(["simulate", "--out", out, "--from", str(tmp_path), "--index", "3"])
+
+
+def test_processes_that_do_not_know_each_other_are_refused(refused, tmp_path):
+    out = str(tmp_path / "out")
+    assert "--num-processes" in refused(["tune", "--out", out, "--coordinator", "localhost:1"])
+    two = ["--num-processes", "2", "--process-id", "2"]
+    assert "from 0 to 1" in refused(["tune", "--out", out, "--coordinator", "localhost:1", *two])
+
+
+def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
+    out = tmp_path / "sweep"
+    over = ["--over", f"{RIGHT}=0:1:3", "--over", "start.heading=0,0.2"]
+    settings = ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]
+    said, _ = run([*arguments("sweep", out, settings), *over])
+    assert "# Sweep" in said and "agvjax simulate --from" in said
+    written = [
+        "config.toml",
+        "cuts.png",
+        "findings.json",
+        "manifest.json",
+        "report.html",
+        "report.md",
+        "shard-00000.npz",
+    ]
+    assert set(written) <= set(files_of(out)) and "map_rmse.png" in files_of(out)
+    with open(out / "config.toml", "rb") as file:
+        table = tomllib.load(file)["sweep"]
+    span = {"between": [0.0, 1.0], "points": 3}
+    assert table["over"] == [{RIGHT: span}, {"start.heading": {"one_of": [0.0, 0.2]}}]
+    before = files_of(out)
+    run(arguments("sweep", tmp_path / "again", (), "--config", out / "config.toml", "--quiet"))
+    shards = [(folder / "shard-00000.npz").read_bytes() for folder in (out, tmp_path / "again")]
+    assert np.load(out / "shard-00000.npz")["result/rmse"].shape == (1, 6) and len(shards[0]) == len(shards[1])
+    said = refused([*arguments("sweep", out, settings), *over, "--seed", "1"])
+    assert "was `seed = 0`" in said and "is `seed = 1`" in said and files_of(out) == before
+
+
 def test_all_bad_settings_are_named_at_once(refused, tmp_path):
     settings = [
         "controller.k1=-1",

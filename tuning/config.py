@@ -100,7 +100,9 @@ def _table(key: str, value: Any) -> Any:
     if isinstance(value, Distribution):
         return {"distribution": value.name, **value.parameters, "times": value.times}
     if isinstance(value, Span):
-        return _table(key, value.draw) | ({"points": value.points} if value.points else {})
+        return _table(key, value.draw) | (
+            {"points": value.points} if value.points and not isinstance(value.draw, OneOf) else {}
+        )
     if isinstance(value, (Weights, Limit, Bound)):
         given = {n: x for n, x in vars(value).items() if x != getattr(type(value)(), n)}
         return given or {"value": value.value} if isinstance(value, Bound) else given

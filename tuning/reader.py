@@ -60,6 +60,7 @@ CLASSES: dict[str, dict[str, Any]] = {
 }
 
 
+EMPTY = ("sweep.controllers", "sweep.export")  # lists that may hold nothing
 DRAWS = ("between", "times", "one_of", "distribution")
 
 
@@ -170,7 +171,7 @@ class Reader:
                 return default
             return given
         if isinstance(default, tuple):
-            none = isinstance(given, list) and not given and default
+            none = given == [] and key not in EMPTY
             if none or not isinstance(given, list) or not all(isinstance(x, str) for x in given):
                 self.wrong(key, given, "a list of names")
                 return default
