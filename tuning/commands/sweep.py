@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
 from tqdm import tqdm
 
 import agvjax
@@ -22,10 +20,9 @@ from .. import config as configuration
 from .. import runs
 from ..markdown import html
 from ..settings import Config
-from ..sweep import figures, findings, page, results, shards, work
-from ..sweep import radius as radii
-from ..sweep.design import LAW, SENSITIVITY, Design, design
-from ..sweep.page import Verdict
+from ..sweep import figures, page, results, shards, work
+from ..sweep.design import LAW, Design, design
+from ..sweep.verdict import judge
 from .common import RunFailed, configure, new_folder, say, warn
 
 NEEDS = {
@@ -34,7 +31,6 @@ NEEDS = {
     "netcdf": ("xarray", "h5netcdf", "h5py"),
     "parquet": ("pyarrow",),
 }
-MOST_MAPS = 6
 BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 
 
@@ -245,71 +241,16 @@ def _conclude(
     arguments: argparse.Namespace, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
 ) -> None:
     """Findings, figures, report, exports."""
-    nominal = _nominal(found, judges)
-    bounds = findings.absolute(config.sweep.fails, nominal[0])
-    which = findings.failed(found, bounds)
-    verdict = Verdict(
-        nominal=nominal,
-        bounds=bounds,
-        which=which,
-        failures=findings.failures(found, which),
-        indices=_indices(found),
-        radii=_radii(config, found, which, bounds, laws),
-    )
-    names = _draw(found, verdict, out)
-    text = page.page(found, verdict, names, str(out))
-    runs.write_json(out / "findings.json", page.as_json(found, verdict))
+    seen = judge(config, found, laws, judges)
+    names = []
+    for name, figure in figures.every(found, seen.bounds, seen.which, seen.indices).items():
+        runs.write_figure(out / f"{name}.png", figure)
+        names.append(f"{name}.png")
+    text = page.page(found, seen, names, str(out))
+    runs.write_json(out / "findings.json", page.as_json(found, seen))
     runs.write(out / "report.md", text)
     for kind, suffix in (("netcdf", "nc"), ("parquet", "parquet")):
         if kind in config.sweep.export:
             getattr(found, f"to_{kind}")(out / f"results.{suffix}")
     runs.write(out / "report.html", html(text, out, "Sweep"))
     say(arguments, text, f"shards, findings and report written to {out}; begin with {out}/report.html")
-
-
-def _nominal(found: results.Results, judges: Any) -> list[dict[str, float]]:
-    """Metrics of the nominal run, of every controller."""
-    size = min(found.manifest.shard, found.manifest.size)
-    values = {name: np.stack([found.design.nominal(name)] * size) for name in found.leaves}
-    values = {name: value.astype(jax.numpy.result_type(float)) for name, value in values.items()}
-    return [{name: float(np.asarray(x)[0]) for name, x in judge(values).items()} for judge in judges]
-
-
-def _indices(found: results.Results) -> dict[str, dict[str, list[findings.Index]]]:
-    """Sensitivities of every metric, where the design is one for them."""
-    if found.design.method not in SENSITIVITY:
-        return {}
-    return {
-        name: {metric: findings.sensitivity(found, values[i]) for metric, values in found.metrics.items()}
-        for i, name in enumerate(found.names)
-    }
-
-
-def _radii(config: Config, found: results.Results, which: Any, bounds: Any, laws: Any) -> list[radii.Radius]:
-    """The largest boxes, where they are asked for and something can move."""
-    if not (config.sweep.radius and bounds and radii.Reach.of(found.design).axes):
-        return []
-    seeker = radii.adversary(config, found.design, bounds)
-    return [radii.radius(found, which[i], law, seeker) for i, law in enumerate(laws.values())]
-
-
-def _draw(found: results.Results, verdict: Verdict, out: Path) -> list[str]:
-    """Every figure that this design has; their files."""
-    drawn: dict[str, Any] = {}
-    if len(found.design.grid) >= 2:
-        for metric in list(found.metrics)[:MOST_MAPS]:
-            drawn[f"map_{metric}"] = figures.maps(found, metric, verdict.which)
-        if verdict.which.any():
-            drawn["map_failures"] = figures.failure_map(found, verdict.which)
-        for other in range(1, len(found.names)):
-            first = next(iter(found.metrics))
-            drawn[f"difference_{other}_{first}"] = figures.difference(found, first, verdict.which, other)
-    drawn["cuts"] = figures.cuts(found, list(found.metrics)[:3], verdict.bounds)
-    if found.design.sampled:
-        drawn["distributions"] = figures.distributions(found, verdict.bounds)
-    for i, rows in enumerate(verdict.indices.values()):
-        if any(rows.values()):
-            drawn[f"sensitivity_{i}"] = figures.sensitivity(rows, found.design.method)
-    for name, figure in drawn.items():
-        runs.write_figure(out / f"{name}.png", figure)
-    return [f"{name}.png" for name in drawn]

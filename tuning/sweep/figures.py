@@ -15,9 +15,31 @@ from .design import Axis, Design
 from .findings import Index, cut
 from .results import Results
 
+METRICS = 6  # maps of so many
 CUTS = 6  # axes shown
 WIDE = 8  # ratio from which colours are logarithmic
 MAPS = 4  # controllers beside each other in a figure
+
+
+def every(
+    results: Results, bounds: Mapping[str, float], which: np.ndarray, indices: Mapping[str, Mapping[str, list[Index]]]
+) -> dict[str, Figure]:
+    """All that this design has, by name."""
+    drawn: dict[str, Figure] = {}
+    first, *_ = metrics = list(results.metrics)
+    if len(results.design.grid) >= 2:
+        drawn |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:METRICS]}
+        if which.any():
+            drawn["map_failures"] = failure_map(results, which)
+        others = range(1, len(results.names))
+        drawn |= {f"difference_{i}_{first}": difference(results, first, which, i) for i in others}
+    drawn["cuts"] = cuts(results, metrics[:3], bounds)
+    if results.design.sampled:
+        drawn["distributions"] = distributions(results, bounds)
+    for i, found in enumerate(indices.values()):
+        if any(found.values()):
+            drawn[f"sensitivity_{i}"] = sensitivity(found, results.design.method)
+    return drawn
 
 
 def label(plan: Design, axis: Axis) -> str:

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..markdown import grid
 from ..objective import unit
-from .findings import Failures, Index, worst
-from .radius import Radius
+from .findings import worst
 from .results import Results
+from .verdict import Verdict
 
 WORST = 10  # scenarios listed
-
-
-class Verdict(NamedTuple):
-    """Everything the report tells besides the results themselves."""
-
-    nominal: list[dict[str, float]]  # metrics of the nominal run, of every controller
-    bounds: dict[str, float]  # beyond which a run has failed
-    which: np.ndarray  # (C, N)
-    failures: list[Failures]
-    indices: dict[str, dict[str, list[Index]]]  # by controller and metric
-    radii: list[Radius]
 
 
 def page(results: Results, found: Verdict, figures: Sequence[str], folder: str) -> str:
