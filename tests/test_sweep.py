@@ -1,5 +1,6 @@
 """Sweeps: which scenarios, what is known of them, and how they survive whatever happens to a process or a disk."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from agvjax import Command, Scenario
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
 from tuning.ensemble import Span, uniform
 from tuning.settings import Bound, Search, Sweep
-from tuning.sweep import findings, radius, results, shards, work
+from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 
 ROOT = Path(__file__).parent.parent
@@ -180,7 +181,7 @@ def rolled(folder, small, **more):
 def test_shards_hold_what_single_runs_give(small, tmp_path):
     config, plan, _ = small
     made, count = rolled(tmp_path, small)
-    assert count == 3 and made.shards == [(0, 7), (7, 7), (14, 6)]
+    assert count == 3 and [made.span(i) for i in range(made.count)] == [(0, 7), (7, 7), (14, 6)]
     whole = [shards.read_shard(tmp_path, made, i) for i in range(3)]
     rmse = np.concatenate([part["result/rmse"][0] for part in whole])
     assert len(set(rmse)) == 20
@@ -225,7 +226,8 @@ def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp
     host = os.uname().nodename
     for holder, age, free in (
         (f"{host} {gone.pid}", 0, True),
-        (f"{host} {os.getppid()}", 1000, False),
+        (f"{host} {os.getppid()}", 0, False),
+        (f"{host} {os.getppid()}", 1000, True),  # silent for long: another process has its number by now
         ("elsewhere 1", 1000, True),
         ("elsewhere 1", 0, False),
     ):
@@ -283,10 +285,10 @@ def test_a_run_fails_beyond_its_bound_and_where_it_has_no_value():
 def test_a_cut_shows_median_band_and_worst_over_all_else():
     plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, {LEFT: Span(Between(0.0, 1.0), 101)}))
     found = made_up(plan, {"rmse": np.r_[np.arange(101.0), 1000 + np.arange(101.0)]})
-    at, rows = findings.cut(found, found.metrics["rmse"][0], 0)
+    at, rows = findings.cut(found, found.metrics["rmse"][0], 0, plan.shares(0, plan.size))
     np.testing.assert_array_equal(at, [0.0, 1.0])
     np.testing.assert_array_equal(rows, [[5, 50, 95, 100], [1005, 1050, 1095, 1100]])
-    at, rows = findings.cut(found, found.metrics["rmse"][0], 1)
+    at, rows = findings.cut(found, found.metrics["rmse"][0], 1, plan.shares(0, plan.size))
     np.testing.assert_array_equal(rows[:, 3], 1000 + np.arange(101.0))
 
 
@@ -385,3 +387,89 @@ def test_a_batch_of_controllers_pairs_with_one_of_scenarios():
         np.testing.assert_allclose(alone.rmse[i], agvjax.evaluate(law, Scenario(), **STEPS).rmse, rtol=1e-12)
     with pytest.raises(ValueError, match="same size"):
         agvjax.evaluate(laws, agvjax.batch(Scenario(), {"start.heading": headings[:2]}), **STEPS)
+
+
+# ------------------------------------------------------------------------------------------------------ corner cases
+
+
+def test_sensitivity_designs_stay_off_the_ends_of_a_distribution():
+    for method in ("saltelli", "morris"):
+        plan = design(config_of({"start.heading": Span(Distribution("norm", {}))}, samples=8, design=method))
+        made = plan.values(0, plan.size)["start.heading"]
+        assert np.all(np.abs(made) <= stats.norm.ppf(1 - 1e-3) + 1e-12) and len(set(made)) > 2
+
+
+def test_a_failure_beyond_the_ends_of_a_distribution_does_not_widen_the_box():
+    config = config_of({"start.heading": Span(Distribution("norm", {"loc": 0.1, "scale": 0.1}))}, samples=4)
+    plan = design(config)
+    found = made_up(plan, {"rmse": np.zeros(4)})
+    found.leaves["start.heading"][:] = [0.1, 0.2, 0.9, 0.0]  # the box ends at 3.09 standard deviations, .41
+    seeker = radius.adversary(config, plan, {"rmse": 1e6})
+    seen = radius.radius(found, np.array([False, False, True, False]), config.controller, seeker)
+    assert seen.radius == 1.0 and seen.failure is None
+
+
+def test_where_every_neighbour_fails_the_radius_is_nothing():
+    config = config_of({"start.heading": Span(Between(-1.0, 1.2))}, samples=4)
+    plan = design(config)
+    nominal = agvjax.evaluate(config.controller, Scenario(), **STEPS)
+    seeker = radius.adversary(config, plan, {"rmse": float(nominal.total_rmse) * (1 + 1e-9)})
+    seen = radius.radius(made_up(plan, {"rmse": np.zeros(4)}), np.zeros(4, bool), config.controller, seeker)
+    assert seen.radius < radius.LEAST and 0 < seen.failure < 2 * radius.LEAST
+
+
+def test_maps_need_two_axes_with_more_than_one_point():
+    three = [{"start.heading": Span(Between(0.0, 1.0), 2)}, {LEFT: Span(OneOf((0.3,)), 1)}]
+    three.append({RIGHT: Span(Between(0.0, 1.0), 3)})
+    which = np.array([[True, False, False, False, True, True]])
+    for over, maps in ((three, 2), (three[:2], 0)):
+        plan = design(config_of(*over))
+        found = made_up(plan, {"rmse": np.arange(1.0, plan.size + 1)})
+        drawn = figures.every(found, {"rmse": 2.0}, which[:, : plan.size], {})
+        assert sum(name.startswith("map") for name in drawn) == maps and "cuts" in drawn
+    picture = figures._on_map(made_up(design(config_of(*three)), {"rmse": np.arange(6.0)}), np.arange(6.0), np.max)
+    np.testing.assert_array_equal(picture, [[0, 1, 2], [3, 4, 5]])
+
+
+def test_a_bound_relative_to_nothing_is_refused():
+    config = config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, fails={"settling_time": Bound(value=1.5)})
+    judges = work.judges(config, design(config), [config.controller], 2)
+    with pytest.raises(agvjax.InputError, match="sweep.fails.settling_time = 1.5: must be absolute"):
+        verdict.bounds_of(config, design(config), judges[0], 2)  # half a second is too short to settle
+
+
+def test_a_sweep_in_python_goes_on_where_it_ended_and_refuses_another(tmp_path):
+    config = config_of({RIGHT: Span(Between(0.0, 1.0), 5)}, shard=2)
+    first = work.run_sweep(config, tmp_path / "sweep")
+    path = shards.path_of(tmp_path / "sweep", 2)
+    path.unlink()
+    again = work.run_sweep(config, tmp_path / "sweep")
+    np.testing.assert_array_equal(again.metrics["rmse"], first.metrics["rmse"])
+    assert first.grid("rmse").shape == (1, 5, 1)
+    with pytest.raises(ValueError, match="another sweep"):
+        work.run_sweep(dataclasses.replace(config, seed=1), tmp_path / "sweep")
+
+
+def test_the_tables_of_other_tools_hold_the_same_numbers(tmp_path):
+    xarray, parquet = pytest.importorskip("xarray"), pytest.importorskip("pyarrow.parquet")
+    pytest.importorskip("h5netcdf")
+    config = config_of(
+        {RIGHT: Span(Between(0.0, 1.0), 2), LEFT: Span(Between(0.1, 0.3), 2)},
+        {"start.position[0]": Span(Between(-1.0, 1.0))},
+        samples=3,
+    )
+    plan = design(config)
+    made = manifest_of(config, plan)
+    found = made_up(plan, {"rmse": np.arange(6.0)})._replace(manifest=made)
+    found.to_netcdf(tmp_path / "results.nc")
+    with xarray.open_dataset(tmp_path / "results.nc", engine="h5netcdf") as data:
+        assert dict(data.sizes) == {"controller": 1, RIGHT: 2, "sample": 3, "start.position_element": 2}
+        assert data["rmse"].attrs["units"] == "m, rad" and data["start.position"].attrs["units"] == "m"
+        np.testing.assert_array_equal(data["rmse"][0], [[0, 1, 2], [3, 4, 5]])
+        np.testing.assert_allclose(data[LEFT], [0.1, 0.3])
+        np.testing.assert_array_equal(data["start.position"], plan.values(0, 3)["start.position"])
+    found.to_parquet(tmp_path / "results.parquet")
+    table = parquet.read_table(tmp_path / "results.parquet")
+    assert table.num_rows == 6 and "start.position[1]" in table.column_names
+    np.testing.assert_array_equal(table["rmse"], np.arange(6.0))
+    np.testing.assert_allclose(table[RIGHT], [0, 0, 0, 1, 1, 1])

@@ -109,9 +109,8 @@ def _table(key: str, value: Any) -> Any:
     if key.startswith("tune.choices."):
         return value
     if key in CLASSES:
-        kind = next(
-            n for n, c in CLASSES[key].items() if (c is None and value is None) or (c is not None and type(value) is c)
-        )
+        known = [n for n, c in CLASSES[key].items() if (value is None if c is None else type(value) is c)]
+        kind = known[0] if known else f"{type(value).__module__}.{type(value).__qualname__}"  # the user's own
         fields = {} if value is None else _fields(key, value)
         return {"type": kind, **fields} if fields else kind
     if dataclasses.is_dataclass(value):

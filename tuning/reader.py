@@ -272,7 +272,7 @@ def _draw(given: Any) -> Draw | None:
     kind, value = next(iter(given.items())) if len(given) == 1 else ("", [])
     if kind in ("between", "times") and _is_pair(value) and np.all(np.isfinite(value)):
         return {"between": Between, "times": Times}[kind](float(value[0]), float(value[1]))
-    if kind == "one_of" and isinstance(value, list) and value and all(_number(x) for x in value):
+    if kind == "one_of" and isinstance(value, list) and value and all(_number(x) and np.isfinite(x) for x in value):
         return OneOf(tuple(float(x) for x in value))
     return None
 

@@ -38,7 +38,10 @@ def write(path: Path, data: str | bytes) -> None:
 def write_npz(path: Path, arrays: dict[str, Any]) -> None:
     """Arrays under their names, without pickle."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    plain: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    if pickled := [name for name, value in plain.items() if value.dtype.hasobject]:
+        raise TypeError(f"no arrays of plain numbers or text: {pickled}")
+    np.savez(buffer, **plain)  # `allow_pickle` is an array's name to NumPy 2.0
     write(path, buffer.getvalue())
 
 

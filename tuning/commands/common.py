@@ -125,14 +125,17 @@ def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
     except (OSError, ValueError) as error:
         rule = "used with --out, the folder of a run: there is no config.toml in it"
         raise InputError([agvjax.Problem("--resume", arguments.out, rule)]) from error
-    old, new = before.splitlines(), configuration.dump(config).splitlines()
-    if old and old != new:
-        changed = [f"was `{line}`" for line in old if line not in new] + [
-            f"is `{line}`" for line in new if line not in old
-        ]
-        rule = f"the run that these settings began; changed: {'; '.join(changed)}"
+    changed = difference(before, configuration.dump(config))
+    if before and changed:
+        rule = f"the run that these settings began; changed: {changed}"
         raise InputError([agvjax.Problem("--resume", str(out), rule)])
     return out
+
+
+def difference(old: str, new: str) -> str:
+    """What differs between two configurations, in words."""
+    before, now = old.splitlines(), new.splitlines()
+    return "; ".join([f"was `{x}`" for x in before if x not in now] + [f"is `{x}`" for x in now if x not in before])
 
 
 def trajectory_of(config: Config, controller: Any, scenario: Any) -> agvjax.Trajectory:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib.util
 import os
 import re
@@ -19,11 +20,11 @@ from agvjax import InputError, Problem
 from .. import config as configuration
 from .. import runs
 from ..markdown import html
+from ..rules import problems
 from ..settings import Config
-from ..sweep import figures, page, results, shards, work
+from ..sweep import figures, page, results, shards, verdict, work
 from ..sweep.design import LAW, Design, design
-from ..sweep.verdict import judge
-from .common import RunFailed, configure, new_folder, say, warn
+from .common import RunFailed, configure, difference, new_folder, say, warn
 
 NEEDS = {
     "saltelli": ("SALib",),
@@ -31,6 +32,8 @@ NEEDS = {
     "netcdf": ("xarray", "h5netcdf", "h5py"),
     "parquet": ("pyarrow",),
 }
+PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
+GOLDEN = (5**0.5 - 1) / 2
 BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 
 
@@ -40,27 +43,33 @@ def run(arguments: argparse.Namespace) -> int:
     _installed(config)
     laws = _controllers(config)
     plan = design(config)
-    rank, count = _place(arguments)
+    place = _place(arguments)
     made = work.manifest_of(config, plan, laws)
     said = configuration.dump(config)
     out = _folder(arguments, made, said)
     warn(arguments, config, "sweep")
     plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
-    say(arguments, f"{plan.size} scenarios{plural} in {len(made.shards)} shards; compiling ...")
+    say(arguments, f"{plan.size} scenarios{plural} in {made.count} shards; compiling ...")
     judges = work.judges(config, plan, list(laws.values()), min(made.shard, made.size))
-    _fill(arguments, out, made, plan, judges, rank * len(made.shards) // count)
-    with shards.held(out, "report") as ours:
-        if not ours:
-            say(arguments, f"every shard is there; another process writes the report to {out}")
-            return 0
-        if (out / "report.html").exists() and (out / "config.toml").read_text(encoding="utf-8") == said:
-            say(arguments, f"complete, with its report: {out}/report.html")
-            return 0
-        runs.write(out / "config.toml", said)
-        say(arguments, "looking at what was found ...")
-        _conclude(arguments, config, results.load(out), laws, judges, out)
-    shards.sweep_up(out)
+    verdict.bounds_of(config, plan, judges[0], min(made.shard, made.size))  # before all the work
+    _fill(arguments, out, made, plan, judges, int(place * made.count))
+    while not _reported(out, said):
+        with shards.held(out, "report") as ours:
+            if ours and not _reported(out, said):
+                (out / "report.html").unlink(missing_ok=True)
+                runs.write(out / "config.toml", said)
+                say(arguments, "looking at what was found ...")
+                _conclude(arguments, config, results.load(out), laws, judges, out)
+                shards.sweep_up(out)
+                return 0
+        time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
+    say(arguments, f"complete, with its report: {out}/report.html")
     return 0
+
+
+def _reported(out: Path, said: str) -> bool:
+    """Whether the report is there, for these settings."""
+    return (out / "report.html").exists() and (out / "config.toml").read_text(encoding="utf-8") == said
 
 
 def _more(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -128,26 +137,15 @@ def _controllers(config: Config) -> dict[str, Any]:
             raise InputError([Problem("sweep.controllers", name, f"with the swept gains {', '.join(sorted(missing))}")])
         if label in laws:
             raise InputError([Problem("sweep.controllers", name, "named once")])
-        _steppable(config, law, name)
-        laws[label] = law
+        own = {gain: agvjax.leaves(config.controller)[gain] for gain in gains}
+        laws[label] = law = agvjax.replace(law, own)  # a swept gain is the same in all
+        if found := problems(dataclasses.replace(config, controller=law), "sweep"):
+            raise InputError([p._replace(key=f"{p.key}, with {name}") for p in found])
     return laws
 
 
-def _steppable(config: Config, law: Any, name: str) -> None:
-    """Refuse a controller that the step of the sweep would make diverge."""
-    step, method = config.sweep.dt, agvjax.INTEGRATORS[config.sweep.integrator]
-    found = agvjax.step_problems(law, step, config.simulate.horizon, method)
-    if found:
-        raise InputError([p._replace(key=f"sweep.dt, for {name}") for p in found])
-
-
-def _place(arguments: argparse.Namespace) -> tuple[int, int]:
-    """Which of how many processes this is, by its options or what SLURM and Kubernetes say; it only spreads them."""
-    variables = (
-        ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT"),
-        ("SLURM_PROCID", "SLURM_NTASKS"),
-        ("JOB_COMPLETION_INDEX", "JOB_COMPLETION_COUNT"),
-    )
+def _place(arguments: argparse.Namespace) -> float:
+    """Where among the shards this process begins, from 0 to 1, by its options or what SLURM and Kubernetes say."""
     given = (arguments.process_id, arguments.num_processes)
     if None not in given:
         rank, count = given
@@ -155,14 +153,13 @@ def _place(arguments: argparse.Namespace) -> tuple[int, int]:
         shown = "none" if arguments.process_id is None else arguments.process_id
         raise InputError([Problem("--process-id", shown, "given together with --num-processes")])
     else:
-        found = [(os.environ[a], os.environ.get(b, "1")) for a, b in variables if a in os.environ]
-        rank, count = (int(found[0][0]), int(found[0][1])) if found else (0, 1)
-        rank, count = rank % max(count, 1), max(count, 1)
+        numbers = [os.environ[name] for name in PLACES if os.environ.get(name, "").isdecimal()]
+        return int(numbers[0]) * GOLDEN % 1 if numbers else 0.0  # spread evenly, however many there are
     if not 0 <= rank < count:
         raise InputError([Problem("--process-id", rank, f"from 0 to {count - 1}, one less than --num-processes")])
     if count > 1 and not arguments.out:
         raise InputError([Problem("--out", "none", "the folder that the processes share")])
-    return rank, count
+    return rank / count
 
 
 def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> Path:
@@ -178,7 +175,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
         except InputError:
             if out is None or not _just_begun(out):
                 raise
-        else:
+        if not (out / shards.MANIFEST).exists():
             runs.write(out / "config.toml", said)
             shards.write_manifest(out, made)
             return out
@@ -187,7 +184,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
     except ValueError as error:
         raise InputError([Problem("--out", str(out), f"a new folder, or that of this sweep ({error})")]) from error
     if before.digest != made.digest:
-        changed = _changed(before.config, made.config) or "a controller's gains"
+        changed = difference(before.config, made.config) or "a controller's gains"
         raise InputError([Problem("--out", str(out), f"a new folder, or that of the same sweep; changed: {changed}")])
     if before.versions != made.versions:
         say(arguments, f"note: this sweep was begun with {before.versions}, here are {made.versions}")
@@ -195,20 +192,14 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
 
 
 def _just_begun(out: Path) -> bool:
-    """Whether another process is beginning the same sweep in this very moment; waits for its manifest."""
+    """Whether a sweep is being begun in this folder, or was and came no further; waits for its manifest."""
     for _ in range(BEGINNING):
         if (out / shards.MANIFEST).exists():
             return True
         if any(path.name != "config.toml" and path.suffix != ".part" for path in out.iterdir()):
             return False
         time.sleep(0.1)
-    return False
-
-
-def _changed(old: str, new: str) -> str:
-    before, now = old.splitlines(), new.splitlines()
-    lines = [f"was `{x}`" for x in before if x not in now] + [f"is `{x}`" for x in now if x not in before]
-    return "; ".join(lines)
+    return True
 
 
 def _fill(
@@ -230,9 +221,9 @@ def _fill(
         try:
             work.run(out, made, plan, judges, offset, tick)
         except OSError as error:
-            done = sum(shards.path_of(out, i).exists() for i in range(len(made.shards)))
+            done = sum(shards.path_of(out, i).exists() for i in range(made.count))
             raise RunFailed(
-                f"a shard could not be written to {out} ({error}); {done} of {len(made.shards)} are kept: make room and"
+                f"a shard could not be written to {out} ({error}); {done} of {made.count} are kept: make room and"
                 " give the same command again"
             ) from error
 
@@ -241,7 +232,7 @@ def _conclude(
     arguments: argparse.Namespace, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
 ) -> None:
     """Findings, figures, report, exports."""
-    seen = judge(config, found, laws, judges)
+    seen = verdict.judge(config, found, laws, judges)
     names = []
     for name, figure in figures.every(found, seen.bounds, seen.which, seen.indices).items():
         runs.write_figure(out / f"{name}.png", figure)

@@ -96,6 +96,11 @@ class Design(NamedTuple):
         """The nominal value of a leaf."""
         return np.asarray(get(*self._home(leaf)), float)
 
+    def nominal_of(self, target: Target) -> np.ndarray:
+        """The nominal value of a target."""
+        nominal = self.nominal(target.leaf)
+        return nominal if target.element is None else nominal[target.element]
+
     def unit(self, leaf: str) -> str:
         """Its unit."""
         return unit_of(*self._home(leaf))
@@ -105,8 +110,7 @@ class Design(NamedTuple):
 
     def value(self, target: Target, share: Any) -> np.ndarray:
         """What a target is at shares (n,) of its axis: (n,), or (n, ...) where it is a whole array."""
-        nominal = self.nominal(target.leaf)
-        nominal = nominal if target.element is None else nominal[target.element]
+        nominal = self.nominal_of(target)
         share = np.asarray(share, float).reshape(-1, *[1] * nominal.ndim)
         return np.asarray(target.draw.quantile(share + 0 * nominal, nominal), float)
 
@@ -118,6 +122,8 @@ class Design(NamedTuple):
         columns = [axis.places[place] for axis, place in zip(self.grid, places, strict=True)]
         if self.sampled and not self.grid:
             columns += list(_points(self.method, self.sampled, self.base, self.seed, first, count).T)
+        elif self.sampled and sample[0] + count <= self.samples:  # all at one node: no more than these
+            columns += list(_points(self.method, self.sampled, self.base, self.seed, int(sample[0]), count).T)
         elif self.sampled:
             every = _points(self.method, self.sampled, self.base, self.seed, 0, self.samples)
             columns += list(every[sample].T)
@@ -129,6 +135,8 @@ class Design(NamedTuple):
         made = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
         for axis, share in zip((*self.grid, *self.sampled), self.shares(first, count).T, strict=True):
             for target in axis.targets:
+                if self.method in SENSITIVITY and isinstance(target.draw, Distribution):
+                    share = TAIL + (1 - 2 * TAIL) * share  # their points lie on the ends too
                 place = (slice(None),) if target.element is None else (slice(None), target.element)
                 made[target.leaf][place] = self.value(target, share)
         return made

@@ -27,7 +27,7 @@ def every(
     """All that this design has, by name."""
     drawn: dict[str, Figure] = {}
     first, *_ = metrics = list(results.metrics)
-    if len(results.design.grid) >= 2:
+    if len(_mapped(results.design)) == 2:
         drawn |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:METRICS]}
         if which.any():
             drawn["map_failures"] = failure_map(results, which)
@@ -53,28 +53,33 @@ def scale(plan: Design, axis: Axis, places: Any = None) -> tuple[np.ndarray, flo
     """Values along an axis, of its first leaf (its first element), and the nominal one."""
     target = axis.targets[0]
     values = plan.value(target, axis.places if places is None else places)
-    nominal = plan.nominal(target.leaf)
-    nominal = nominal if target.element is None else nominal[target.element]
-    return values.reshape(len(values), -1)[:, 0], float(np.ravel(nominal)[0])
+    return values.reshape(len(values), -1)[:, 0], float(np.ravel(plan.nominal_of(target))[0])
 
 
 def _on_map(results: Results, values: np.ndarray, how: Any) -> np.ndarray:
-    """Values (N,) on the first two axes of the grid, over all else."""
+    """Values (N,) on the two axes of a map, over all else."""
     plan = results.design
-    return how(values.reshape(*plan.shape[:2], -1), axis=-1)
+    whole = np.moveaxis(values.reshape(*plan.shape, plan.samples), _mapped(plan), (0, 1))
+    return how(whole.reshape(*whole.shape[:2], -1), axis=-1)
+
+
+def _mapped(plan: Design) -> tuple[int, ...]:
+    """The first two axes of the grid with more than one point, or fewer."""
+    return tuple(i for i, axis in enumerate(plan.grid) if axis.points > 1)[:2]
 
 
 def _panel(axes: Any, results: Results, picture: np.ndarray, bad: np.ndarray, norm: Any, colours: str) -> Any:
     """One map: the picture, where something fails, and nominal."""
     plan = results.design
-    (x, x0), (y, y0) = (scale(plan, axis) for axis in plan.grid[:2])
+    first, second = (plan.grid[i] for i in _mapped(plan))
+    (x, x0), (y, y0) = scale(plan, first), scale(plan, second)
     shown = np.where(np.isfinite(picture), picture, np.nan)
     drawn = axes.pcolormesh(x, y, shown.T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
     axes.set_facecolor("0.25")  # where every run diverged
     if bad.any() and not bad.all():
         axes.contour(x, y, bad.T.astype(float), levels=[0.5], colors="red", linewidths=1.5)
     axes.plot(x0, y0, "*", ms=12, mfc="white", mec="black")
-    axes.set(xlabel=label(plan, plan.grid[0]), ylabel=label(plan, plan.grid[1]))
+    axes.set(xlabel=label(plan, first), ylabel=label(plan, second))
     return drawn
 
 
@@ -132,14 +137,15 @@ def _finite_mean(values: np.ndarray, axis: int) -> np.ndarray:
 def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) -> Figure:
     """Metrics along every axis: median, the band of 90 % and the worst over all else."""
     plan, colours = results.design, [f"C{i}" for i in range(10)]
-    every = _telling(results, metrics[0])
+    shares = plan.shares(0, plan.size)
+    every = _telling(results, metrics[0], shares)
     figure = Figure(figsize=(3.6 * len(every) + 0.6, 2.9 * len(metrics) + 0.5), layout="constrained")
     panels = figure.subplots(len(metrics), len(every), squeeze=False)
     for row, metric in zip(panels, metrics, strict=True):
         for axes, (place, axis) in zip(row, every, strict=True):
             axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
             for i, name in enumerate(results.names):
-                at, found = cut(results, results.metrics[metric][i], place)
+                at, found = cut(results, results.metrics[metric][i], place, shares)
                 found = np.where(np.isfinite(found), found, np.nan)
                 x, _ = scale(plan, axis, at)
                 axes.fill_between(x, found[:, 0], found[:, 2], color=colours[i % 10], alpha=0.2, lw=0)
@@ -155,12 +161,12 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
     return figure
 
 
-def _telling(results: Results, metric: str) -> list[tuple[int, Axis]]:
+def _telling(results: Results, metric: str, shares: np.ndarray) -> list[tuple[int, Axis]]:
     """The axes to show, each with its place: those of the grid, then the sampled ones that move the median most."""
     plan = results.design
 
     def swing(place: int) -> float:
-        middle = cut(results, results.metrics[metric][0], place)[1][:, 1]
+        middle = cut(results, results.metrics[metric][0], place, shares)[1][:, 1]
         return -float(np.ptp(middle)) if np.all(np.isfinite(middle)) else -np.inf
 
     first, every = range(len(plan.grid)), (*plan.grid, *plan.sampled)

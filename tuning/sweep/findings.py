@@ -71,13 +71,14 @@ def worst(values: np.ndarray, count: int) -> np.ndarray:
     return np.argsort(-values, kind="stable")[:count]
 
 
-def cut(results: Results, values: np.ndarray, place: int) -> tuple[np.ndarray, np.ndarray]:
+def cut(results: Results, values: np.ndarray, place: int, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where along an axis (P,), as shares of it, and quantiles there (P, 3) and largest (P,), over all else.
 
     Args:
         results: of the sweep.
         values: (N,).
         place: which of the grid's axes and, after these, of the sampled.
+        shares: where the scenarios lie along every axis, (N, axes).
     """
     plan = results.design
     if place < len(plan.grid):
@@ -85,7 +86,7 @@ def cut(results: Results, values: np.ndarray, place: int) -> tuple[np.ndarray, n
         groups = list(whole.reshape(plan.shape[place], -1))
         at = plan.grid[place].places
     else:
-        share = plan.shares(0, plan.size)[:, place]
+        share = shares[:, place]
         bin_of = np.minimum((share * BINS).astype(int), BINS - 1)
         full = [b for b in range(BINS) if np.any(bin_of == b)]
         groups, at = [values[bin_of == b] for b in full], (np.array(full) + 0.5) / BINS

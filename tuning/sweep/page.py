@@ -9,6 +9,7 @@ import numpy as np
 
 from ..markdown import grid
 from ..objective import unit
+from .design import SENSITIVITY
 from .findings import worst
 from .results import Results
 from .verdict import Verdict
@@ -28,7 +29,7 @@ def page(results: Results, found: Verdict, figures: Sequence[str], folder: str) 
     lines += ["## The metrics", "", _metrics(results, found), ""]
     if any(any(rows.values()) for rows in found.indices.values()):
         lines += ["## What they hang on", "", *_sensitivity(results, found), ""]
-    elif plan.method in ("saltelli", "morris"):
+    elif plan.method in SENSITIVITY:
         lines += ["No sensitivities: runs diverged or did not settle, and an infinite metric has none.", ""]
     lines += ["## The worst scenarios", "", *_worst(results, found, folder)]
     return "\n".join(lines) + "\n"
@@ -46,7 +47,7 @@ def _what(results: Results) -> str:
 
 
 def _failures(results: Results, found: Verdict) -> str:
-    drawn = bool(results.design.sampled) and not results.design.grid
+    drawn = bool(results.design.sampled) and not results.design.grid and results.design.method not in SENSITIVITY
     rows = []
     for name, f in zip(results.names, found.failures, strict=True):
         share = f"{f.share:.4%}"
@@ -64,7 +65,7 @@ def _failures(results: Results, found: Verdict) -> str:
     if drawn and results.design.method != "random":
         note += " The interval is that of independent draws; evenly spread ones are surer."
     if not drawn:
-        note += " The share is that of this grid, not a probability."
+        note += " The share is that of this design, not a probability."
     return grid(header, rows) + note
 
 

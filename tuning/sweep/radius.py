@@ -21,7 +21,7 @@ from ..worst import Adversary
 from .design import LAW, Axis, Design
 from .results import Results
 
-CLOSE = 0.01  # between the box that stands and the failure next to it
+CLOSE, LEAST = 0.01, 1e-3  # between the box that stands and the failure next to it: a share of it, at least so much
 BLOCK = 64  # scenarios rolled out together, each with its tangents
 
 
@@ -52,8 +52,7 @@ class Reach(NamedTuple):
 
     def ends(self, target: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower end, nominal, upper end of a target."""
-        nominal = self.plan.nominal(target.leaf)
-        nominal = nominal if target.element is None else nominal[target.element]
+        nominal = self.plan.nominal_of(target)
         low, high = box(target.draw, nominal)
         return np.minimum(low, nominal), nominal, np.maximum(high, nominal)
 
@@ -129,22 +128,24 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
     reach, law, rounds = Reach.of(results.design), agvjax.check(law), 0
     still = _with_nominal(results, reach)
     distance = np.where(still, reach.distance(results.leaves), np.inf)
-    known = distance[which & still]
+    near = which & still & (distance <= 1)  # a distribution draws beyond the ends too
+    known = distance[near]
     high = float(known.min()) if known.size else np.inf
     nearest = {}
     if known.size:
-        number = int(np.argmin(np.where(which & still, distance, np.inf)))
+        number = int(np.argmin(np.where(near, distance, np.inf)))
         nearest = {name: np.asarray(x[number]) for name, x in results.leaves.items()}
-    searches, low = 0, 0.0
+    searches, low, stood = 0, 0.0, 0
 
     def seek(r: float) -> tuple[float, dict[str, Any]] | None:
         """The failure found in the box of r, if there is one, and how far out it lies."""
-        nonlocal rounds, searches
+        nonlocal rounds, searches, stood
         found = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
         rounds += 1
         searches += sum(f.searches for f in found)
         bad = [f for f in found if not f.value <= 1]
         if not bad:
+            stood += 1
             return None
         moves = [np.array([f.scenario[label] for label in seeker.scenario]) for f in bad]
         first = int(np.argmin([np.abs(move).max() for move in moves]))
@@ -153,25 +154,25 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
 
     if (at := seek(0.0)) is not None:
         high, nearest = at
-    while high > 0 and low < 1 and not low >= (1 - CLOSE) * min(high, 1.0):
-        middle = min(1.0, high) if np.isinf(high) else (low + high) / 2
+    while low < 1 and high - low > max(CLOSE * min(high, 1.0), LEAST):
+        middle = 1.0 if np.isinf(high) else (low + high) / 2
         if (at := seek(middle)) is None:
             low = middle
         elif at[0] < high:
             high, nearest = at
-    inside = int((still & (distance <= low)).sum()) + rounds * seeker.scouts
+    inside = int((still & (distance <= low)).sum()) + stood * seeker.scouts
     ends = {t.name: _span(reach.ends(t), low) for axis in reach.axes for t in axis.targets}
     return Radius(low, high if np.isfinite(high) else None, nearest, searches, inside, ends)
 
 
 def _with_nominal(results: Results, reach: Reach) -> np.ndarray:
     """Scenarios of the sweep in which whatever cannot be moved is at its nominal value."""
-    moved = {target.leaf for axis in reach.axes for target in axis.targets}
+    moved = {(target.leaf, target.element) for axis in reach.axes for target in axis.targets}
     same = np.ones(results.design.size, bool)
     for leaf, value in results.leaves.items():
-        if leaf not in moved:
-            near = np.isclose(value, results.design.nominal(leaf))
-            same &= near.reshape(len(near), -1).all(axis=1)
+        near = np.isclose(value, results.design.nominal(leaf)).reshape(len(value), -1)
+        free = [(leaf, None) in moved or (leaf, element) in moved for element in range(near.shape[1])]
+        same &= (near | np.array(free)).all(axis=1)
     return same
 
 

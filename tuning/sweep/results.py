@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import tomllib
 from collections.abc import Callable
@@ -22,7 +21,7 @@ class Results(NamedTuple):
     """A finished sweep: C controllers, N scenarios in the order of their numbers."""
 
     manifest: Manifest
-    config: Config
+    config: Config  # without `sweep.fails`, which may change afterwards
     design: Design
     ok: np.ndarray  # (C, N)
     metrics: dict[
@@ -106,20 +105,27 @@ def load(folder: str | Path) -> Results:
 
 def collect(folder: Path, made: Manifest, config: Config, plan: Design) -> Results:
     """The results in a folder whose sweep is known; raises as `load`."""
-    found = [shards.read_shard(folder, made, i) for i in range(len(made.shards))]
-    missing = [i for i, arrays in enumerate(found) if arrays is None]
+    missing, whole = [], {}
+    for i in range(made.count):
+        arrays, (first, count) = shards.read_shard(folder, made, i), made.span(i)
+        if arrays is None:
+            missing.append(i)
+            continue
+        for name, part in arrays.items():  # filled as they are read, so that a large sweep is held once
+            axis = 1 if name.startswith("result/") else 0
+            if name not in whole:
+                whole[name] = np.empty((*part.shape[:axis], made.size, *part.shape[axis + 1 :]), part.dtype)
+            whole[name][(slice(None),) * axis + (slice(first, first + count),)] = part
     if missing:
         shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        raise ValueError(f"{folder}: {len(missing)} of {len(found)} shards are missing or damaged ({shown})")
-    whole = [arrays for arrays in found if arrays is not None]
-    join = functools.partial(_join, whole)
+        raise ValueError(f"{folder}: {len(missing)} of {made.count} shards are missing or damaged ({shown})")
     return Results(
         manifest=made,
         config=config,
         design=plan,
-        ok=join("result/ok", 1),
-        metrics={name: join(f"result/{name}", 1) for name in made.metrics},
-        leaves={name: join(f"leaf/{name}", 0) for name in made.leaves},
+        ok=whole["result/ok"],
+        metrics={name: whole[f"result/{name}"] for name in made.metrics},
+        leaves={name: whole[f"leaf/{name}"] for name in made.leaves},
     )
 
 
@@ -131,10 +137,6 @@ def _replaced(path: Path, write: Callable[[Path], Any]) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-
-
-def _join(whole: list[dict[str, np.ndarray]], name: str, axis: int) -> np.ndarray:
-    return np.concatenate([arrays[name] for arrays in whole], axis=axis)
 
 
 def config_of(made: Manifest) -> Config:

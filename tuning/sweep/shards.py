@@ -45,9 +45,14 @@ class Manifest(NamedTuple):
     versions: dict[str, str]
 
     @property
-    def shards(self) -> list[tuple[int, int]]:
-        """First scenario and number of scenarios of every shard."""
-        return [(first, min(self.shard, self.size - first)) for first in range(0, self.size, self.shard)]
+    def count(self) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Number of shards."""
+        return -(-self.size // self.shard)
+
+    def span(self, shard: int) -> tuple[int, int]:
+        """First scenario and number of scenarios of a shard."""
+        first = shard * self.shard
+        return first, min(self.shard, self.size - first)
 
 
 def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: Any) -> Manifest:
@@ -65,7 +70,9 @@ def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: 
 
 def write_manifest(folder: Path, made: Manifest) -> None:
     """`manifest.json`; processes that begin at once write the same."""
-    runs.write_json(folder / MANIFEST, {"format": FORMAT, **made._asdict(), "shards": made.shards})
+    runs.write_json(
+        folder / MANIFEST, {"format": FORMAT, **made._asdict(), "shards": [made.span(i) for i in range(made.count)]}
+    )
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -93,7 +100,7 @@ def write_shard(
     folder: Path, made: Manifest, shard: int, results: Mapping[str, Any], leaves: Mapping[str, Any]
 ) -> None:
     """One shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
-    first, count = made.shards[shard]
+    first, count = made.span(shard)
     arrays: dict[str, Any] = {"digest": made.digest, "first": first, "count": count}
     arrays |= {f"result/{name}": value for name, value in results.items()}
     arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
@@ -105,7 +112,7 @@ def read_shard(folder: Path, made: Manifest, shard: int) -> dict[str, np.ndarray
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
             arrays = dict(file)  # zip knows a checksum of each
-        wanted = {"digest": made.digest, "first": made.shards[shard][0], "count": made.shards[shard][1]}
+        wanted = {"digest": made.digest, "first": made.span(shard)[0], "count": made.span(shard)[1]}
         fits = all(arrays.pop(name) == value for name, value in wanted.items())
         names = {"result/ok", *(f"result/{n}" for n in made.metrics), *(f"leaf/{n}" for n in made.leaves)}
         return arrays if fits and names == set(arrays) else None
@@ -123,7 +130,7 @@ class Claim:
 
     def take(self) -> bool:
         """Whether it is ours now; one that is held by a process that is gone is taken over."""
-        if self.path.exists() and self._abandoned():
+        if self.path.exists() and self.abandoned():
             self.path.unlink(missing_ok=True)
         try:
             with self.path.open("x") as file:
@@ -144,13 +151,12 @@ class Claim:
             with contextlib.suppress(OSError):
                 os.utime(self.path)
 
-    def _abandoned(self) -> bool:
+    def abandoned(self) -> bool:
+        """Whether its holder is gone, or has been silent for long."""
         with contextlib.suppress(OSError, ValueError):
             age = time.time() - self.path.stat().st_mtime
             host, _, process = self.path.read_text().rpartition(" ")
-            if host == platform.node():
-                return not _alive(int(process))
-            return age > STALE
+            return age > STALE or (host == platform.node() and not _alive(int(process)))
         return False  # gone, or not written yet: the next look will tell
 
 
@@ -177,6 +183,13 @@ def held(folder: Path, name: str) -> Iterator[bool]:
 
 
 def sweep_up(folder: Path) -> None:
-    """Remove what interrupted processes left lying."""
-    for left in (*folder.glob(".*.part"), *folder.glob(f"*.{CLAIM}")):
-        left.unlink(missing_ok=True)
+    """Remove what processes that are gone left lying."""
+    for part in folder.glob(".*.part"):
+        with contextlib.suppress(OSError, ValueError):
+            host, _, process = part.name.removesuffix(".part").rpartition("-")
+            gone = host.endswith(f".{platform.node()}") and not _alive(int(process))
+            if gone or time.time() - part.stat().st_mtime > STALE:
+                part.unlink(missing_ok=True)
+    for path in folder.glob(f"*.{CLAIM}"):
+        if Claim(folder, path.stem).abandoned():
+            path.unlink(missing_ok=True)

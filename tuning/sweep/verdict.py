@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from agvjax import InputError, Problem
+
 from ..settings import Config
 from . import findings, radius
-from .design import SENSITIVITY
+from .design import SENSITIVITY, Design
 from .findings import Failures, Index
 from .radius import Radius
 from .results import Results
@@ -37,8 +39,9 @@ def judge(config: Config, found: Results, laws: Mapping[str, Any], judges: Seque
         laws: its controllers.
         judges: what judged them.
     """
-    nominal = _nominal(found, judges)
-    bounds = findings.absolute(config.sweep.fails, nominal[0])
+    size = min(found.manifest.shard, found.manifest.size)
+    nominal = [_nominal(found.design, judge, size) for judge in judges]
+    bounds = bounds_of(config, found.design, judges[0], size)
     which = findings.failed(found, bounds)
     return Verdict(
         nominal=nominal,
@@ -50,12 +53,28 @@ def judge(config: Config, found: Results, laws: Mapping[str, Any], judges: Seque
     )
 
 
-def _nominal(found: Results, judges: Sequence[Judge]) -> list[dict[str, float]]:
-    """Metrics of the nominal run, of every controller, by what judged the others."""
-    size = min(found.manifest.shard, found.manifest.size)
-    values = {name: np.stack([found.design.nominal(name)] * size) for name in found.leaves}
-    values = {name: value.astype(jax.numpy.result_type(float)) for name, value in values.items()}
-    return [{name: float(np.asarray(x)[0]) for name, x in judge(values).items()} for judge in judges]
+def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str, float]:
+    """Beyond which a run has failed, in the metrics' units.
+
+    Raises:
+        InputError: a bound is relative to a nominal run that has no value, or 0.
+    """
+    nominal = _nominal(plan, judge, size)
+    bad = [
+        Problem(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}")
+        for name, bound in config.sweep.fails.items()
+        if not bound.absolute and not (np.isfinite(nominal[name]) and nominal[name] > 0)
+    ]
+    if bad:
+        raise InputError(bad)
+    return findings.absolute(config.sweep.fails, nominal)
+
+
+def _nominal(plan: Design, judge: Judge, size: int) -> dict[str, float]:
+    """Metrics of the nominal run, by what judges `size` of them at once."""
+    dtype = jax.numpy.result_type(float)
+    values = {name: np.stack([plan.nominal(name)] * size).astype(dtype) for name in plan.names}
+    return {name: float(np.asarray(x)[0]) for name, x in judge(values).items()}
 
 
 def _indices(found: Results) -> dict[str, dict[str, list[Index]]]:

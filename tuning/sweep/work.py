@@ -46,7 +46,7 @@ def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manife
 
 
 def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None = None) -> Results:
-    """Roll out what is missing in a folder, and return all of it.
+    """Roll out what is missing in a folder, and return all of it; laws of one's own are welcome.
 
     Args:
         config: the scenarios are those of its `sweep`.
@@ -116,26 +116,26 @@ def run(
         offset: the shard to begin with; processes that begin at different ones meet late.
         tick: called with the number of scenarios that are done, whoever did them.
     """
-    missing = [i for i in range(len(made.shards)) if shards.read_shard(folder, made, i) is None]
-    order = sorted(missing, key=lambda i: (i - offset) % len(made.shards))
-    tick(made.size - sum(made.shards[i][1] for i in order))
+    missing = [i for i in range(made.count) if shards.read_shard(folder, made, i) is None]
+    order = sorted(missing, key=lambda i: (i - offset) % made.count)
+    tick(made.size - sum(made.span(i)[1] for i in order))
     mine, damaged = 0, {i for i in missing if shards.path_of(folder, i).exists()}
     while order:
         left = []
         for i in order:
             if i not in damaged and shards.path_of(folder, i).exists():
-                tick(made.shards[i][1])  # another process was here
+                tick(made.span(i)[1])  # another process was here
                 continue
             with shards.held(folder, f"shard-{i:05d}") as ours:
                 if not ours:
                     left.append(i)
                     continue
                 if i not in damaged and shards.path_of(folder, i).exists():  # written between the look and the claim
-                    tick(made.shards[i][1])
+                    tick(made.span(i)[1])
                     continue
                 _compute(folder, made, plan, every, i)
                 mine += 1
-                tick(made.shards[i][1])
+                tick(made.span(i)[1])
         if left == order:
             time.sleep(WAIT)
         order = left
@@ -143,7 +143,7 @@ def run(
 
 
 def _compute(folder: Path, made: Manifest, plan: Design, every: Sequence[Judge], shard: int) -> None:
-    first, count = made.shards[shard]
+    first, count = made.span(shard)
     values = plan.values(first, count)
     padded = {name: _padded(value, min(made.shard, made.size)) for name, value in values.items()}
     found = [jax.tree.map(lambda x: np.asarray(x)[:count], judge(padded)) for judge in every]
