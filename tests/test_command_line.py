@@ -415,8 +415,8 @@ BAD_SWEEP = {
     "unknown failure": (["--set", "sweep.fails.rsme=2"], ("sweep.fails", "rsme", "rmse?")),
     "failure at nothing": (["--set", "sweep.fails.rmse=0"], ("sweep.fails.rmse", "> 0")),
     "unknown export": (["--export", "csv"], ("sweep.export", "csv", "netcdf")),
-    "unknown law": (["--controller", "pid"], ("controller", "pid", "osfc")),
-    "no file": (["--controller", "absent.toml"], ("--config", "absent.toml", "readable")),
+    "unknown law": (["--controller", "pid"], ("sweep.controllers", "pid", "osfc")),
+    "no file": (["--controller", "absent.toml"], ("sweep.controllers", "absent.toml", "readable")),
     "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
     "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
     "gains too fast for the step": (
@@ -440,6 +440,9 @@ def test_a_bad_sweep_is_named_with_its_value_and_rule(which, refused, tmp_path):
 
 def test_a_vehicle_of_no_sweep_is_refused(refused, tmp_path):
     out = str(tmp_path / "out")
+    own = ["--from", str(tmp_path), "--index", "0", "--set", "controller.k1=30", "--seed", "2"]
+    said = refused(["simulate", "--out", out, *own])
+    assert "--from = controller.k1=30: must be left out" in said and "--seed" in said
     assert "--from" in refused(["simulate", "--out", out, "--index", "3"])
     assert "holds no sweep" in refused(["simulate", "--out", out, "--from", str(tmp_path), "--index", "3"])
 
@@ -566,7 +569,12 @@ def test_resuming_with_other_settings_says_which(refused, tuned, tmp_path):
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     said = refused(arguments("tune", out, [*TUNE, "tune.learning_rate=0.05", "controller.k2=21"], "--resume"))
     assert "--resume" in said
-    for line in ("was `learning_rate = 0.1`", "is `learning_rate = 0.05`", "was `k2 = 20.0`", "is `k2 = 21"):
+    for line in (
+        "was `tune.learning_rate = 0.1`",
+        "is `tune.learning_rate = 0.05`",
+        "was `controller.k2 = 20.0`",
+        "is `controller.k2 = 21",
+    ):
         assert line in said, said
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 

@@ -173,7 +173,7 @@ class Reader:
         if isinstance(default, tuple):
             none = given == [] and key not in EMPTY
             if none or not isinstance(given, list) or not all(isinstance(x, str) for x in given):
-                self.wrong(key, given, "a list of names")
+                self.wrong(key, given, "a list of names, at least one")
                 return default
             return tuple(given)
         array = _numbers(given)
@@ -290,7 +290,7 @@ def _span(given: Any) -> Span | None:
     except ValueError:
         return None
     if isinstance(draw, OneOf):
-        return None if points else Span(draw, len(draw.values))
+        return None if points or len(set(draw.values)) < len(draw.values) else Span(draw, len(draw.values))
     return Span(draw, points or 0)
 
 

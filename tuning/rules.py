@@ -20,6 +20,7 @@ from .sweep.design import LAW, SENSITIVITY, design, element_of
 MOST_STEPS = 1e8
 LEAST_LIMIT = 1e-9
 MOST_SCENARIOS = 10**9
+FEW = 8  # samples of which sensitivities say something
 
 
 def problems(config: Config, command: str) -> list[agvjax.Problem]:
@@ -32,9 +33,10 @@ def problems(config: Config, command: str) -> list[agvjax.Problem]:
         found.append(agvjax.Problem("scenario.heading", "bearing", rule, "reading R8"))
     if not found:
         found += _timing(config, "simulate", config.simulate)
-    if command == "sweep" and not found:
-        found += _swept(config)
-        found += [] if found else _timing(config, "sweep", config.sweep)
+    if command == "sweep":
+        found += _swept(config) if not found else []
+        found += _timing(config, "sweep", config.sweep) if not found else []
+        found += _wished(config)
     elif command != "simulate":
         found += _names(config)
         if not found:
@@ -206,8 +208,19 @@ def _swept(config: Config) -> list[agvjax.Problem]:
     if sweep.design in SENSITIVITY and (grid or not (sweep.ensemble or sweep.over)):
         rule = f"random, sobol or latin where there is a grid: {sweep.design} needs every leaf without points"
         found.append(agvjax.Problem("sweep.design", sweep.design, rule))
+    if sweep.design in SENSITIVITY:
+        few, even = sweep.samples < FEW, sweep.samples & (sweep.samples - 1)
+        if few or (even and sweep.design == "saltelli"):
+            rule = f"at least {FEW}" + (" and a power of two" if sweep.design == "saltelli" else "")
+            found.append(agvjax.Problem("sweep.samples", sweep.samples, f"{rule}, for {sweep.design}"))
     if not found and design(config).size > MOST_SCENARIOS:
         found.append(agvjax.Problem("sweep", design(config).size, f"at most {MOST_SCENARIOS:g} scenarios in all"))
+    return found
+
+
+def _wished(config: Config) -> list[agvjax.Problem]:
+    """Names that a sweep asks for and nobody knows."""
+    sweep, found = config.sweep, []
     for key, given, known in (
         ("metrics", sweep.metrics, tuple(METRICS)),
         ("fails", tuple(sweep.fails), tuple(METRICS)),

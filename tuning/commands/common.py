@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -133,9 +134,19 @@ def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
 
 
 def difference(old: str, new: str) -> str:
-    """What differs between two configurations, in words."""
-    before, now = old.splitlines(), new.splitlines()
-    return "; ".join([f"was `{x}`" for x in before if x not in now] + [f"is `{x}`" for x in now if x not in before])
+    """What differs between two configurations in TOML, in words."""
+    before, now = (dict(_flat(tomllib.loads(text))) for text in (old, new))
+    keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key)]
+    told = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
+    return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in told if key in table)
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def trajectory_of(config: Config, controller: Any, scenario: Any) -> agvjax.Trajectory:

@@ -54,6 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     """A scenario of a sweep and one of its controllers; timing as configured here."""
+    others = [text for text in arguments.set if not text.startswith("simulate.")]
+    others += [f"--config {name}" for name in arguments.config] + ["--seed"] * (arguments.seed is not None)
+    if others:
+        rule = "left out with --from, which brings scenario and controller; --set simulate.KEY=VALUE is fine"
+        raise InputError([Problem("--from", text, rule) for text in others])
     if arguments.sweep is None:
         raise InputError([Problem("--from", "none", "the folder of a sweep, with --index and --controller")])
     try:
@@ -61,15 +66,15 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     except ValueError as error:
         raise InputError([Problem("--from", arguments.sweep, f"the folder of a sweep ({error})")]) from error
     if arguments.index is None or not 0 <= arguments.index < made.size:
-        raise InputError(
-            [Problem("--index", arguments.index, f"from 0 to {made.size - 1}, the scenarios of the sweep")]
-        )
+        shown = "none" if arguments.index is None else arguments.index
+        raise InputError([Problem("--index", shown, f"from 0 to {made.size - 1}, the scenarios of the sweep")])
     name = arguments.controller or made.names[0]
     if name not in made.names:
         raise InputError([Problem("--controller", name, f"one of the sweep's: {', '.join(made.names)}")])
     law, scenario = scene(results.opened(made), arguments.index)
     controller = agvjax.replace(results.controller_of(made, made.names.index(name)), law)
-    horizon = results.config_of(made).simulate.horizon
+    own = any(text.startswith("simulate.horizon") for text in arguments.set)
+    horizon = config.simulate.horizon if own else results.config_of(made).simulate.horizon
     timing = dataclasses.replace(config.simulate, horizon=horizon)
     return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 

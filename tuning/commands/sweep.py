@@ -8,7 +8,7 @@ import importlib.util
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -129,12 +129,15 @@ def _controllers(config: Config) -> dict[str, Any]:
     gains = {name.removeprefix(LAW) for table in config.sweep.over for name in table if name.startswith(LAW)}
     for name in config.sweep.controllers:
         if Path(name).suffix == ".toml":
-            law, label = configuration.load([name], [], "simulate").controller, str(Path(name).with_suffix(""))
+            label = str(Path(name).with_suffix(""))
+            law = _read(name, lambda name=name: configuration.load([name], [], "simulate"))
         else:
-            law, label = configuration.resolve({"controller": name}, "simulate").controller, name
+            label = name
+            law = _read(name, lambda name=name: configuration.resolve({"controller": name}, "simulate"))
         missing = gains - set(agvjax.leaves(law))
         if missing:
-            raise InputError([Problem("sweep.controllers", name, f"with the swept gains {', '.join(sorted(missing))}")])
+            rule = f"a law that has the swept gains {', '.join(sorted(missing))}"
+            raise InputError([Problem("sweep.controllers", name, rule)])
         if label in laws:
             raise InputError([Problem("sweep.controllers", name, "named once")])
         own = {gain: agvjax.leaves(config.controller)[gain] for gain in gains}
@@ -142,6 +145,17 @@ def _controllers(config: Config) -> dict[str, Any]:
         if found := problems(dataclasses.replace(config, controller=law), "sweep"):
             raise InputError([p._replace(key=f"{p.key}, with {name}") for p in found])
     return laws
+
+
+def _read(name: str, load: Callable[[], Config]) -> Any:
+    """A controller, what is wrong with it said of the name that was given."""
+    try:
+        return load().controller
+    except InputError as error:
+        said = "; ".join(map(str, error.problems))
+        raise InputError(
+            [Problem("sweep.controllers", name, f"a file of gains or the name of a law ({said})")]
+        ) from error
 
 
 def _place(arguments: argparse.Namespace) -> float:
@@ -173,7 +187,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
         try:
             out = new_folder(arguments)
         except InputError:
-            if out is None or not _just_begun(out):
+            if out is None or not out.is_dir() or not _just_begun(out):
                 raise
         if not (out / shards.MANIFEST).exists():
             runs.write(out / "config.toml", said)

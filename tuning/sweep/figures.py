@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ..objective import unit
 from .design import Axis, Design
-from .findings import Index, cut
+from .findings import Index, cut, interval
 from .results import Results
 
 METRICS = 6  # maps of so many
@@ -33,6 +33,8 @@ def every(
             drawn["map_failures"] = failure_map(results, which)
         others = range(1, len(results.names))
         drawn |= {f"difference_{i}_{first}": difference(results, first, which, i) for i in others}
+    if len(_mapped(results.design)) == 1 and results.design.samples > 1:
+        drawn["failures"] = failures_along(results, which)
     drawn["cuts"] = cuts(results, metrics[:3], bounds)
     if results.design.sampled:
         drawn["distributions"] = distributions(results, bounds)
@@ -88,13 +90,15 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
     pictures = [_on_map(results, values, _finite_mean) for values in results.metrics[metric][:MAPS]]
     finite = np.concatenate([p[np.isfinite(p)] for p in pictures])
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
-    high = max(high, low + 1e-12)
+    high = max(high, low + 1e-3 * abs(low) + 1e-12)  # also of a metric that is the same everywhere
     norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
     figure = Figure(figsize=(4.6 * len(pictures) + 1, 4.2), layout="constrained")
     panels = np.ravel(figure.subplots(1, len(pictures), squeeze=False))
     for i, (axes, picture) in enumerate(zip(panels, pictures, strict=True)):
-        _panel(axes, results, picture, _on_map(results, which[i], np.any), norm, "viridis")
-        axes.set_title(results.names[i], fontsize=10)
+        bad = _on_map(results, which[i], np.any)
+        _panel(axes, results, picture, bad, norm, "viridis")
+        some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
+        axes.set_title(results.names[i] + some, fontsize=10)
     figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, label=f"{metric} [{unit(metric)}]", extend="max")
     return figure
 
@@ -108,6 +112,24 @@ def failure_map(results: Results, which: np.ndarray) -> Figure:
         _panel(axes, results, share, share > 0, Normalize(0, 1), "magma")
         axes.set_title(results.names[i], fontsize=10)
     figure.colorbar(ScalarMappable(Normalize(0, 1), "magma"), ax=panels, label="share of runs that fail")
+    return figure
+
+
+def failures_along(results: Results, which: np.ndarray) -> Figure:
+    """Probability of failure along the one axis of a grid, over its samples, with the 95 % interval of each point."""
+    plan = results.design
+    axis = plan.grid[_mapped(plan)[0]]
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for i, (name, bad) in enumerate(zip(results.names, which, strict=True)):
+        each = np.moveaxis(bad.reshape(*plan.shape, plan.samples), _mapped(plan)[0], 0).reshape(axis.points, -1)
+        ends = np.array([interval(int(row.sum()), row.size) for row in each])
+        axes.fill_between(scale(plan, axis)[0], ends[:, 0], ends[:, 1], color=f"C{i % 10}", alpha=0.25, lw=0)
+        axes.plot(scale(plan, axis)[0], each.mean(axis=1), color=f"C{i % 10}", label=name)
+    axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8)
+    axes.set(xlabel=label(plan, axis), ylabel="share that fails, 95 % interval")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.25)
     return figure
 
 
@@ -139,7 +161,7 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
     plan, colours = results.design, [f"C{i}" for i in range(10)]
     shares = plan.shares(0, plan.size)
     every = _telling(results, metrics[0], shares)
-    figure = Figure(figsize=(3.6 * len(every) + 0.6, 2.9 * len(metrics) + 0.5), layout="constrained")
+    figure = Figure(figsize=(max(3.6 * len(every) + 0.6, 6.4), 2.9 * len(metrics) + 0.5), layout="constrained")
     panels = figure.subplots(len(metrics), len(every), squeeze=False)
     for row, metric in zip(panels, metrics, strict=True):
         for axes, (place, axis) in zip(row, every, strict=True):

@@ -21,8 +21,9 @@ def page(results: Results, found: Verdict, figures: Sequence[str], folder: str) 
     """The whole report."""
     plan = results.design
     lines = ["# Sweep", "", _what(results), "", "## Does it fail?", "", _failures(results, found), ""]
-    if found.radii:
-        lines += ["## How far may it drift?", "", *_radii(results, found), ""]
+    lines += ["## How far may it drift?", ""]
+    lines += [*_radii(results, found), ""] if found.radii else []
+    lines += [found.unmoved, ""] if found.unmoved else []
     lines += ["## What it looks like", ""]
     for name in figures:
         lines += [f"![{name.removesuffix('.png')}]({name})", ""]
@@ -61,7 +62,8 @@ def _failures(results: Results, found: Verdict) -> str:
         *(["95 % interval of the probability"] if drawn else []),
     ]
     rule = ", or ".join(f"{name} passes {bound:.5g} {unit(name)}" for name, bound in found.bounds.items())
-    note = f"\n\nA run fails if it diverges{', or if ' + rule if rule else ''}."
+    relative = " (multiples are of the nominal run with the first controller)" if rule else ""
+    note = f"\n\nA run fails if it diverges{', or if ' + rule if rule else ''}{relative}."
     if drawn and results.design.method != "random":
         note += " The interval is that of independent draws; evenly spread ones are surer."
     if not drawn:
@@ -79,7 +81,7 @@ def _radii(results: Results, found: Verdict) -> list[str]:
         else:
             near = ", ".join(f"{leaf} = {_shown(value)}" for leaf, value in r.scenario.items())
             said = (
-                f"no failure was found up to {r.radius:.3f} of the way to the ends; one lies at {r.failure:.3f}: {near}"
+                f"no failure was found up to {r.radius:.3g} of the way to the ends; one lies at {r.failure:.3g}: {near}"
             )
         lines.append(f"* {name}: {said} ({r.searches} searches, {r.samples} samples).")
     targets = list(found.radii[0].ends)
@@ -100,7 +102,18 @@ def _metrics(results: Results, found: Verdict) -> str:
             nominal = found.nominal[i][metric]
             rows.append([metric, unit(metric), name, nominal, mean, low, middle, high, float(values[i].max()), missing])
     return grid(
-        ["metric", "unit", "controller", "nominal", "mean", "5 %", "median", "95 %", "worst", "without a value"],
+        [
+            "metric",
+            "unit",
+            "controller",
+            "nominal",
+            "mean of those with a value",
+            "5 %",
+            "median",
+            "95 %",
+            "worst",
+            "without a value (not in the mean)",
+        ],
         [[float(x) if isinstance(x, np.floating) else x for x in row] for row in rows],
     )
 

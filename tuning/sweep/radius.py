@@ -18,7 +18,7 @@ from ..ensemble import Between, OneOf, box
 from ..objective import METRICS
 from ..settings import Config, steps_of
 from ..worst import Adversary
-from .design import LAW, Axis, Design
+from .design import LAW, Axis, Design, Target
 from .results import Results
 
 CLOSE, LEAST = 0.01, 1e-3  # between the box that stands and the failure next to it: a share of it, at least so much
@@ -161,7 +161,7 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
         elif at[0] < high:
             high, nearest = at
     inside = int((still & (distance <= low)).sum()) + stood * seeker.scouts
-    ends = {t.name: _span(reach.ends(t), low) for axis in reach.axes for t in axis.targets}
+    ends = {k: v for axis in reach.axes for t in axis.targets for k, v in _spans(t, reach.ends(t), low).items()}
     return Radius(low, high if np.isfinite(high) else None, nearest, searches, inside, ends)
 
 
@@ -176,6 +176,10 @@ def _with_nominal(results: Results, reach: Reach) -> np.ndarray:
     return same
 
 
-def _span(ends: tuple[np.ndarray, np.ndarray, np.ndarray], r: float) -> tuple[float, float]:
-    low, nominal, high = (float(np.ravel(x)[0]) for x in ends)
-    return nominal - r * (nominal - low), nominal + r * (high - nominal)
+def _spans(target: Target, ends: tuple[np.ndarray, ...], r: float) -> dict[str, tuple[float, float]]:
+    """From where to where a target may go, by its name; by element where it is an array."""
+    low, nominal, high = (np.asarray(x, float) for x in ends)
+    edges = np.stack([nominal - r * (nominal - low), nominal + r * (high - nominal)])
+    if edges.ndim == 1:
+        return {target.name: (float(edges[0]), float(edges[1]))}
+    return {f"{target.name}[{i}]": (float(a), float(b)) for i, (a, b) in enumerate(edges.T)}

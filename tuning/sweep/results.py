@@ -65,8 +65,13 @@ class Results(NamedTuple):
                 coordinates[target.name] = (dim, values.reshape(len(values), -1)[:, 0], units)
         for leaf in dict.fromkeys(target.leaf for axis in plan.sampled for target in axis.targets):
             values = self.leaves[leaf][: plan.samples]  # the same at every node
+            units = {"units": plan.unit(leaf)}
+            if leaf in {target.leaf for axis in plan.grid for target in axis.targets}:  # but for elements on the grid
+                own = [t for axis in plan.sampled for t in axis.targets if t.leaf == leaf]
+                coordinates |= {t.name: ("sample", values[:, t.element], units) for t in own}
+                continue
             extra = [f"{leaf}_element"] if values.ndim > 1 else []
-            coordinates[leaf] = (("sample", *extra), values, {"units": plan.unit(leaf)})
+            coordinates[leaf] = (("sample", *extra), values, units)
         about = {"seed": self.manifest.seed, "digest": self.manifest.digest, "config": self.manifest.config}
         return xarray.Dataset(data, coordinates, about)
 

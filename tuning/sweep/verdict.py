@@ -27,7 +27,8 @@ class Verdict(NamedTuple):
     which: np.ndarray  # (C, N), which have
     failures: list[Failures]
     indices: dict[str, dict[str, list[Index]]]  # by controller and metric
-    radii: list[Radius]  # empty where they are not asked for
+    radii: list[Radius]
+    unmoved: str  # why there is no radius, or what stays at nominal in it
 
 
 def judge(config: Config, found: Results, laws: Mapping[str, Any], judges: Sequence[Judge]) -> Verdict:
@@ -50,7 +51,19 @@ def judge(config: Config, found: Results, laws: Mapping[str, Any], judges: Seque
         failures=findings.failures(found, which),
         indices=_indices(found),
         radii=_radii(config, found, which, bounds, laws),
+        unmoved=_unmoved(config, found),
     )
+
+
+def _unmoved(config: Config, found: Results) -> str:
+    reach = radius.Reach.of(found.design)
+    if not config.sweep.radius:
+        return "Not asked for."
+    if not config.sweep.fails:
+        return "Nothing counts as a failure: sweep.fails is empty."
+    if not reach.axes:
+        return "Not looked for: only leaves of the scenario with a range can move."
+    return f"Left at nominal in the box: {', '.join(reach.fixed)}." if reach.fixed else ""
 
 
 def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str, float]:
