@@ -187,7 +187,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
         try:
             out = new_folder(arguments)
         except InputError:
-            if out is None or not out.is_dir() or not _just_begun(out):
+            if out is None or not out.is_dir() or not _just_begun(out, made):
                 raise
         if not (out / shards.MANIFEST).exists():
             runs.write(out / "config.toml", said)
@@ -205,8 +205,10 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
     return out
 
 
-def _just_begun(out: Path) -> bool:
-    """Whether a sweep is being begun in this folder, or was and came no further; waits for its manifest."""
+def _just_begun(out: Path, made: shards.Manifest) -> bool:
+    """Whether this sweep is being begun in the folder, or was: came no further, or lost its manifest since."""
+    if any(shards.read_shard(out, made, i) is not None for i in range(made.count)):
+        return True
     for _ in range(BEGINNING):
         if (out / shards.MANIFEST).exists():
             return True
