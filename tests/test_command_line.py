@@ -423,7 +423,7 @@ BAD_SWEEP = {
         ["--over", "controller.omega_n=50:500:3"],
         ("sweep.dt", "omega_n", "command filter"),
     ),
-    "one of two numbers": (["--process-id", "1"], ("--process-id", "--num-processes")),
+    "one of two numbers": (["--process-id", "1"], ("--num-processes", "the other of the two")),
     "no such process": (["--process-id", "2", "--num-processes", "2"], ("--process-id", "2", "from 0 to 1")),
     "nothing to go on with": (["--resume"], ("--resume", "has begun")),
 }

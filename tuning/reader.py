@@ -193,7 +193,7 @@ class Reader:
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return default_draws()
-        for name, draw in _flat(given, DRAWS):
+        for name, draw in flat(given, DRAWS):
             read = _draw(draw)
             if read is None:
                 rule = "{ between = [low, high] }, { times = [low, high] } with low <= high, { one_of = [values] }, or"
@@ -231,8 +231,8 @@ class Reader:
             return default
         before, found = len(self.problems), []
         for table in given:
-            spans = {name: _span(value) for name, value in _flat(table, DRAWS)}
-            for name, value in _flat(table, DRAWS):
+            spans = {name: _span(value) for name, value in flat(table, DRAWS)}
+            for name, value in flat(table, DRAWS):
                 if spans[name] is None:
                     rule = "{ between = [low, high], points = 11 }, without points to be sampled; or times, one_of, a"
                     self.wrong(f"{key}.{name}", value, f"{rule} distribution; or a list of values")
@@ -252,7 +252,7 @@ class Reader:
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return {}
-        found = dict(_flat(given, ()))
+        found = dict(flat(given, ()))
         for name, value in found.items():
             if not fits(value):
                 self.wrong(f"{key}.{name}", value, rule)
@@ -314,10 +314,10 @@ def _is_pair(pair: Any) -> bool:
     return array is not None and array.shape == (2,) and bool(array[0] <= array[1])
 
 
-def _flat(table: Mapping[str, Any], ends: Sequence[str], prefix: str = "") -> list[tuple[str, Any]]:
+def flat(table: Mapping[str, Any], ends: Sequence[str], prefix: str = "") -> list[tuple[str, Any]]:
     """Dotted keys, quoted or not, as one flat list."""
     rows = []
     for name, value in table.items():
         nested = isinstance(value, Mapping) and not set(value) & set(ends)
-        rows += _flat(value, ends, f"{prefix}{name}.") if nested and value else [(prefix + name, value)]
+        rows += flat(value, ends, f"{prefix}{name}.") if nested and value else [(prefix + name, value)]
     return rows

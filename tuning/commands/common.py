@@ -21,6 +21,7 @@ from agvjax import InputError
 from .. import config as configuration
 from .. import distributed, runs, startup
 from ..optimise import SEQUENTIAL, mode
+from ..reader import flat
 from ..settings import Config, steps_of
 
 
@@ -62,21 +63,30 @@ def configure(arguments: argparse.Namespace, more: Mapping[str, Any] | None = No
 
 def _meet(arguments: argparse.Namespace) -> None:
     """Join the processes that tune together; all but the first fall silent."""
-    asked = {"--coordinator": arguments.coordinator, "--num-processes": arguments.num_processes}
-    asked["--process-id"] = arguments.process_id
-    if arguments.coordinator != "auto" and None in asked.values():
-        missing = next(name for name, value in asked.items() if value is None)
-        raise InputError([agvjax.Problem(missing, "none", "given with --coordinator HOST:PORT, as the other two are")])
-    count, rank = arguments.num_processes, arguments.process_id
-    if None not in (count, rank) and not 0 <= rank < count:
-        raise InputError(
-            [agvjax.Problem("--process-id", rank, f"from 0 to {count - 1}, one less than --num-processes")]
-        )
+    place = rank_and_count(arguments)
+    if place is None and arguments.coordinator != "auto":
+        rule = "given with --coordinator HOST:PORT, and --process-id too"
+        raise InputError([agvjax.Problem("--num-processes", "none", rule)])
+    rank, count = place or (None, None)
     try:
         distributed.join(arguments.coordinator, count, rank)
     except (RuntimeError, ValueError) as error:
         raise RunFailed(f"the processes did not meet at {arguments.coordinator}: {error}") from error
     arguments.quiet = arguments.quiet or not distributed.chief()
+
+
+def rank_and_count(arguments: argparse.Namespace) -> tuple[int, int] | None:
+    """Which of how many processes this is, if the options say so."""
+    rank, count = arguments.process_id, arguments.num_processes
+    if rank is None and count is None:
+        return None
+    if rank is None or count is None:
+        missing = "--num-processes" if count is None else "--process-id"
+        raise InputError([agvjax.Problem(missing, "none", "given where the other of the two numbers is")])
+    if not 0 <= rank < count:
+        rule = f"from 0 to {count - 1}, one less than --num-processes"
+        raise InputError([agvjax.Problem("--process-id", rank, rule)])
+    return rank, count
 
 
 def unasked(config: Config) -> None:
@@ -135,18 +145,10 @@ def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
 
 def difference(old: str, new: str) -> str:
     """What differs between two configurations in TOML, in words."""
-    before, now = (dict(_flat(tomllib.loads(text))) for text in (old, new))
+    before, now = (dict(flat(tomllib.loads(text), ())) for text in (old, new))
     keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key)]
     told = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
     return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in told if key in table)
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def trajectory_of(config: Config, controller: Any, scenario: Any) -> agvjax.Trajectory:

@@ -24,7 +24,7 @@ from ..rules import problems
 from ..settings import Config
 from ..sweep import figures, page, results, shards, verdict, work
 from ..sweep.design import LAW, Design, design
-from .common import RunFailed, configure, difference, new_folder, say, warn
+from .common import RunFailed, configure, difference, new_folder, rank_and_count, say, warn
 
 NEEDS = {
     "saltelli": ("SALib",),
@@ -160,17 +160,11 @@ def _read(name: str, load: Callable[[], Config]) -> Any:
 
 def _place(arguments: argparse.Namespace) -> float:
     """Where among the shards this process begins, from 0 to 1, by its options or what SLURM and Kubernetes say."""
-    given = (arguments.process_id, arguments.num_processes)
-    if None not in given:
-        rank, count = given
-    elif given != (None, None):
-        shown = "none" if arguments.process_id is None else arguments.process_id
-        raise InputError([Problem("--process-id", shown, "given together with --num-processes")])
-    else:
+    given = rank_and_count(arguments)
+    if given is None:
         numbers = [os.environ[name] for name in PLACES if os.environ.get(name, "").isdecimal()]
         return int(numbers[0]) * GOLDEN % 1 if numbers else 0.0  # spread evenly, however many there are
-    if not 0 <= rank < count:
-        raise InputError([Problem("--process-id", rank, f"from 0 to {count - 1}, one less than --num-processes")])
+    rank, count = given
     if count > 1 and not arguments.out:
         raise InputError([Problem("--out", "none", "the folder that the processes share")])
     return rank / count

@@ -42,6 +42,9 @@ from .common import (
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
     config = configure(arguments)
+    if config.tune.choices and distributed.joined():
+        rule = "absent where several processes tune together"
+        raise InputError([agvjax.Problem("tune.choices", list(config.tune.choices), rule)])
     if config.tune.choices:
         return _choose(arguments, config)
     posed = pose(config)
