@@ -40,7 +40,7 @@ from jaxtyping import Array
 from .controllers.backstepping import KnownSlopes
 from .leaves import cast
 from .lyapunov import Constants, constants, signals, slope_range
-from .plant import DeliveredYawRate, TurnedVelocity
+from .plants import DeliveredYawRate, TurnedVelocity
 
 LATE = 4.0  # s, past the transient of every law, as in `Criteria`
 MEMORY = 1.0  # s, how much earlier what drives the errors is measured: the errors at `LATE` remember it

@@ -72,6 +72,10 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
         return [Problem("dt", dt, "finite and > 0", "reading R10")]
     if not (np.isfinite(horizon) and horizon >= dt):
         found.append(Problem("horizon", horizon, f"finite and at least one step, {dt:g} s", "reading R10"))
+    steps = float(controller.period) / dt if hasattr(controller, "period") else 1.0
+    if abs(steps - max(round(steps), 1)) > 1e-6 * steps:
+        rule = f"a whole fraction of the law's period, {float(controller.period):g} s"
+        found.append(Problem("dt", dt, rule, "zero-order hold"))
     if hasattr(controller, "poles"):
         limit = integrator.stable_step(controller.poles())
         if dt > limit:

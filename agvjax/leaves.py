@@ -36,7 +36,7 @@ def leaves(tree: Any, prefix: str = "") -> dict[str, Any]:
     for name, part in children(tree).items():
         if children(part):
             named |= leaves(part, f"{prefix}{name}.")
-        elif part is not None and not dataclasses.is_dataclass(part):
+        elif part is not None and not dataclasses.is_dataclass(part) and not isinstance(part, Mapping):
             named[prefix + name] = part
     return named
 
@@ -87,4 +87,4 @@ def swap(node: Any, values: Mapping[str, Any]) -> Any:
         heads.setdefault(head, {})[tail] = value
     parts = children(node)
     new = {h: tails[""] if "" in tails else swap(parts[h], tails) for h, tails in heads.items()}
-    return {**node, **new} if isinstance(node, Mapping) else dataclasses.replace(node, **new)
+    return type(node)(**{**node, **new}) if isinstance(node, Mapping) else dataclasses.replace(node, **new)

@@ -19,7 +19,7 @@ from .angle import wrap
 from .leaves import cast
 from .loop import as_vector
 from .path import reference
-from .plant import DecoupledState, Measurement
+from .plants import DecoupledState, Measurement
 
 RIDGE = 1e-3  # of the least-squares fit, relative to the nodes' largest mean square
 

@@ -1,7 +1,8 @@
 """What a run is judged by, accumulated sample by sample, so that it needs no trajectory and no memory.
 
-e = (x_n - x_d, y_n - y_d, wrap(psi - psi_d)); u = (u_x, u_y, omega_bar), before the actuators. Integrals are by the
-trapezoid over all samples.
+e = (x_n - x_d, y_n - y_d, wrap(psi - psi_d)); u = (u_x, u_y, omega_bar), before the actuators. Where a plant's heading
+follows from its motion and cannot be commanded, both have the first two channels only. Integrals are by the trapezoid
+over all samples.
 """
 
 from __future__ import annotations
@@ -21,21 +22,28 @@ MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how
 
 @pytree
 class Metrics:
-    """One number for each channel x, y, heading; a batch adds leading axes. A latched run has infinite metrics."""
+    """One number for each of the c channels x, y and, where it can be commanded, heading; a batch adds leading axes.
 
-    rmse: Float[Array, "3"]  # m, m, rad
-    rmse_late: Float[Array, "3"]  # the same after `Criteria.late`; NaN where the run is shorter
-    iae: Float[Array, "3"]  # integral of |e|
-    ise: Float[Array, "3"]  # integral of e^2
-    itae: Float[Array, "3"]  # integral of t |e|
-    overshoot: Float[Array, "3"]  # furthest beyond zero from where the error started, m, m, rad
-    settling_time: Float[Array, "3"]  # s, last time outside the band; infinite where not settled
-    settled: Bool[Array, "3"]  # False: outside the band within `Criteria.margin` of the end
-    rms_command: Float[Array, "3"]  # m/s^2, m/s^2, rad/s
-    peak_command: Float[Array, "3"]  # largest |u|
-    chatter: Float[Array, "3"]  # total variation of u
+    A latched run has infinite metrics.
+    """
+
+    rmse: Float[Array, " c"]  # m, m, rad
+    rmse_late: Float[Array, " c"]  # the same after `Criteria.late`; NaN where the run is shorter
+    iae: Float[Array, " c"]  # integral of |e|
+    ise: Float[Array, " c"]  # integral of e^2
+    itae: Float[Array, " c"]  # integral of t |e|
+    overshoot: Float[Array, " c"]  # furthest beyond zero from where the error started, m, m, rad
+    settling_time: Float[Array, " c"]  # s, last time outside the band; infinite where not settled
+    settled: Bool[Array, " c"]  # False: outside the band within `Criteria.margin` of the end
+    rms_command: Float[Array, " c"]  # m/s^2, m/s^2, rad/s
+    peak_command: Float[Array, " c"]  # largest |u|
+    chatter: Float[Array, " c"]  # total variation of u
     ok: Bool[Array, ""]  # False: diverged and latched
-    settling_smooth: Float[Array, "3"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
+    settling_smooth: Float[Array, " c"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
+    rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; these four with `Criteria.delivered`
+    peak_delivered: Float[Array, " m"] | None = None
+    variation_delivered: Float[Array, " m"] | None = None  # total variation
+    limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
 
     @property
     def total_rmse(self) -> Float[Array, ""]:
@@ -59,10 +67,15 @@ class Metrics:
 
     @property
     def total_chatter(self) -> Float[Array, ""]:
-        """Sum of the total variations of the three commands."""
+        """Sum of the total variations of the commands."""
         return jnp.sum(self.chatter, axis=-1)
 
-    def _root_of_sum(self, parts: Float[Array, "3"]) -> Float[Array, ""]:
+    @property
+    def delivered_effort(self) -> Float[Array, ""]:
+        """sqrt(mean of the sum of squares of what the actuators delivered)."""
+        return self._root_of_sum(self.rms_delivered)  # pyright: ignore[reportArgumentType]
+
+    def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
         ok = jnp.asarray(self.ok)
         finite = jnp.where(ok[..., None], parts, 0.0)  # the square of an infinite metric would have a slope of NaN
         return jnp.where(ok, safe_sqrt(jnp.sum(finite**2, axis=-1)), jnp.inf)
@@ -72,18 +85,30 @@ class Metrics:
 class Tally:
     """Running sums and extremes of one run."""
 
-    first_error: Float[Array, "3"]
-    last_command: Float[Array, "3"]
-    squared: Float[Array, "3"]
-    squared_late: Float[Array, "3"]
-    absolute: Float[Array, "3"]
-    absolute_timed: Float[Array, "3"]
-    beyond: Float[Array, "3"]
-    last_outside: Float[Array, "3"]
-    outside_moment: Float[Array, "3"] | None
-    command_squared: Float[Array, "3"]
-    peak: Float[Array, "3"]
-    chatter: Float[Array, "3"]
+    first_error: Float[Array, " c"]
+    last_command: Float[Array, " c"]
+    squared: Float[Array, " c"]
+    squared_late: Float[Array, " c"]
+    absolute: Float[Array, " c"]
+    absolute_timed: Float[Array, " c"]
+    beyond: Float[Array, " c"]
+    last_outside: Float[Array, " c"]
+    outside_moment: Float[Array, " c"] | None
+    command_squared: Float[Array, " c"]
+    peak: Float[Array, " c"]
+    chatter: Float[Array, " c"]
+    delivered: Delivered | None
+
+
+@pytree
+class Delivered:
+    """The same of what the actuators delivered."""
+
+    last: Float[Array, " m"]
+    squared: Float[Array, " m"]
+    peak: Float[Array, " m"]
+    variation: Float[Array, " m"]
+    limited: Float[Array, ""]
 
 
 @pytree
@@ -95,6 +120,7 @@ class Criteria:
     late: float = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
     smooth: bool = structure(False)  # also a settling time that has a slope
+    delivered: bool = structure(False)  # also what the actuators delivered
 
     def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[Any, Any]:
         """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
@@ -102,7 +128,7 @@ class Criteria:
 
     def start(self, sample: loop.Sample) -> Tally:
         """The tally before the first sample."""
-        error, zero = tracking_error(sample), jnp.zeros(3, sample.command.dtype)
+        error, zero = tracking_error(sample), jnp.zeros_like(sample.command)
         return Tally(
             first_error=error,
             last_command=sample.command,
@@ -116,6 +142,7 @@ class Criteria:
             command_squared=zero,
             peak=zero,
             chatter=zero,
+            delivered=_nothing_delivered(sample) if self.delivered else None,
         )
 
     def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Any, Any]) -> Tally:
@@ -137,6 +164,7 @@ class Criteria:
             command_squared=tally.command_squared + whole * u * u,
             peak=jnp.maximum(tally.peak, jnp.abs(u)),
             chatter=tally.chatter + jnp.abs(u - tally.last_command),
+            delivered=None if tally.delivered is None else _delivered(tally.delivered, sample, whole),
         )
 
     def _moment(self, moment: Any, weight: Any, t: Any, share: Any) -> Any:
@@ -159,6 +187,11 @@ class Criteria:
         late = mean_root(tally.squared_late, jnp.where(late_time > 0, late_time, 1.0))
         settled = ok & (tally.last_outside < horizon - self.margin)
         smooth = None if tally.outside_moment is None else _smooth_settling(tally.outside_moment, settled, horizon)
+        d = tally.delivered
+        delivered = {} if d is None else {"rms_delivered": mean_root(d.squared, horizon)}
+        if d is not None:
+            delivered |= {"peak_delivered": judged(d.peak), "variation_delivered": judged(d.variation)}
+            delivered |= {"limited": judged(d.limited / horizon)}
         return Metrics(
             rmse=mean_root(tally.squared, horizon),
             rmse_late=jnp.where(late_time > 0, late, jnp.nan),
@@ -173,7 +206,26 @@ class Criteria:
             peak_command=judged(tally.peak),
             chatter=judged(tally.chatter),
             ok=ok,
+            **delivered,
         )
+
+
+def _nothing_delivered(sample: loop.Sample) -> Delivered:
+    zero = jnp.zeros_like(sample.delivered)
+    return Delivered(
+        last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.time)
+    )
+
+
+def _delivered(tally: Delivered, sample: loop.Sample, weight: Any) -> Delivered:
+    v = sample.delivered
+    return Delivered(
+        last=v,
+        squared=tally.squared + weight * v * v,
+        peak=jnp.maximum(tally.peak, jnp.abs(v)),
+        variation=tally.variation + jnp.abs(v - tally.last),
+        limited=tally.limited + weight * sample.limited.astype(weight.dtype),
+    )
 
 
 def _smooth_settling(moment: Any, settled: Any, horizon: Any) -> Any:
@@ -192,9 +244,14 @@ def _trapezoid(t: Any, left: Any, right: Any, begin: Any, end: Any) -> Any:
     return jnp.maximum(jnp.minimum(left / 2, t - begin) + jnp.minimum(right / 2, end - t), 0)
 
 
-def tracking_error(sample: Any) -> Float[Array, "3"]:
-    """e_x [m], e_y [m], e_psi [rad, wrapped] of a sample or, with leading axes, of a trajectory."""
+def tracking_error(sample: Any) -> Float[Array, " c"]:
+    """e_x [m], e_y [m], e_psi [rad, wrapped] of a sample or, with leading axes, of a trajectory.
+
+    Without the last where the heading is not commanded: the path does not ask for it then.
+    """
     position = sample.position - sample.reference_position
+    if sample.command.shape[-1] == 2:
+        return position
     heading = wrap(sample.heading - sample.reference_heading)
     return jnp.concatenate([position, heading[..., None]], axis=-1)
 
@@ -227,7 +284,9 @@ def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
         reference_position=trajectory.reference_position,
         reference_heading=trajectory.reference_heading,
         command=trajectory.command,
+        inputs=trajectory.inputs,
         delivered=trajectory.delivered,
+        limited=trajectory.limited,
         controller=(),
     )
     tally = criteria.start(jax.tree.map(lambda x: x[0], samples))

@@ -31,8 +31,10 @@ class Trajectory:
     heading: Float[Array, " N+1"]  # rad
     reference_position: Float[Array, "N+1 2"]  # m
     reference_heading: Float[Array, " N+1"]  # rad
-    command: Float[Array, "N+1 3"]  # u_x, u_y [m/s^2], omega_bar [rad/s], before the actuators
-    delivered: Float[Array, "N+1 m"]  # what the actuators delivered
+    command: Float[Array, "N+1 c"]  # u_x, u_y [m/s^2], and omega_bar [rad/s] where the plant's heading is commanded
+    inputs: Float[Array, "N+1 m"]  # what the actuators were asked for
+    delivered: Float[Array, "N+1 m"]  # what they delivered
+    limited: Bool[Array, " N+1"]  # whether an actuator, or the controller's own limit, was at its limit
     controller: Any  # continuous state of the law, each leaf with a leading N+1
     weight_norm: Float[Array, "N+1 2"] | None  # position and heading, where the law adapts one
     ok: Bool[Array, ""]  # False: the state left `scenario.limit` and was latched
@@ -69,15 +71,18 @@ class Rollout:
     ):
         if n_steps < 1 or control_every < 1:
             raise ValueError(f"n_steps and control_every must be at least 1; got {n_steps} and {control_every}")
-        if set(scenario.deadzone) != set(scenario.plant.actuators):
-            kind = type(scenario.plant).__name__
-            raise ValueError(
-                f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {tuple(scenario.deadzone)}"
-            )
+        known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
+        if set(scenario.deadzone) != known or not set(scenario.actuators) <= known:
+            given = tuple(dict.fromkeys((*scenario.deadzone, *scenario.actuators)))
+            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {given}")
+        if hasattr(controller, "period") and control_every != 1:
+            raise ValueError(f"control_every must be 1 for a law with a period of its own; got {control_every}")
         self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
         self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
         self.dt = jnp.asarray(dt, self.dtype)
-        self.n_steps, self.control_every, self.integrator = n_steps, control_every, integrator
+        self.n_steps, self.every, self.integrator = n_steps, control_every, integrator
+        if hasattr(controller, "period"):
+            self.every = jnp.maximum(jnp.round(self.controller.period / self.dt), 1).astype(int)
         self.end = self.dt * n_steps
 
         heading, disturbance = self.scenario.heading, self.scenario.disturbance
@@ -144,25 +149,30 @@ class Rollout:
         sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
         return Carry(flow=flow, held=held, ok=ok, meter=self.meter.start(sample))
 
-    def control(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
-        """The memory in force at this step: renewed where it is a control instant."""
-        if not jax.tree.leaves(carry.held):
-            return carry.held
+    def control(self, carry: Carry, index: Any, h: Any, signals: loop.Signals) -> loop.Held:
+        """The memory in force at this step: that of the law renewed where it is a control instant."""
+        held = carry.held
+        if jax.tree.leaves((held.controller, held.sensor)):
+            held = self._looked(carry, index, signals)
+        if jax.tree.leaves((held.actuators, held.plant)):
+            held = loop.advance(self.controller, self.scenario, carry.flow, held, signals, h)
+        return held
 
+    def _looked(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
         def renew() -> loop.Held:
-            h = self.dt * self.control_every
+            h = self.dt * jnp.asarray(self.every).astype(self.dtype)
             return loop.jump(self.controller, self.scenario, carry.flow, carry.held, signals, h)
 
-        if self.control_every == 1:
+        if isinstance(self.every, int) and self.every == 1:
             return renew()
-        return jax.lax.cond(index % self.control_every == 0, renew, lambda: carry.held)
+        return jax.lax.cond(index % self.every == 0, renew, lambda: carry.held)
 
     def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
         """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
         index, h, t, table, weights = row
         nodes = range(len(self.integrator.nodes))
         signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
-        held = self.control(carry, index, signals[0])
+        held = self.control(carry, index, h if self.jumps else self.dt, signals[0])
 
         def rate(flow: loop.Flow, signal: loop.Signals) -> tuple[loop.Flow, loop.Sample]:
             return loop.derivative(self.controller, self.scenario, flow, held, signal)
@@ -265,7 +275,8 @@ def simulate(
         dt: step [s]; traced, so that changing it does not compile again.
         n_steps: number of steps; a multiple of `save_every`.
         save_every: steps between saved samples.
-        control_every: steps between control instants, at which memory jumps (sampled laws, delays, noise).
+        control_every: steps between control instants, at which a law with memory and a sensor look; a law with a
+            `period` of its own looks every round(period / dt) steps.
         integrator: `RK4`, `HEUN` or `EULER`.
         dtype: float32 or float64; None takes JAX's default float.
 
@@ -300,7 +311,9 @@ def simulate(
         reference_position=samples.reference_position,
         reference_heading=samples.reference_heading,
         command=samples.command,
+        inputs=samples.inputs,
         delivered=samples.delivered,
+        limited=samples.limited,
         controller=samples.controller,
         weight_norm=None if norms is None else jax.vmap(norms)(samples.controller),
         ok=carry.ok,

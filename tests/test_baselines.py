@@ -43,7 +43,7 @@ from agvjax import (
     replace,
     simulate,
 )
-from agvjax.plant import DecoupledState
+from agvjax.plants import DecoupledState
 
 TRUE = {"Pi_hat": KnownSlopes(right=0.6, left=0.8), "Pi_psi_hat": KnownSlopes(right=0.91, left=0.72)}
 TRUE_PAIRS = {"Pi_hat": (0.6, 0.8), "Pi_psi_hat": (0.91, 0.72)}

@@ -12,8 +12,9 @@ ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"_pytree", "integrate", "angle", "leaves", "xla", "elementary"},
     {"scalarise"},
-    {"deadzone", "rbf", "path", "disturbance", "plant"},
-    {"controllers"},
+    {"deadzone", "rbf", "path", "disturbance", "actuators"},
+    {"plants"},
+    {"sensor", "controllers"},
     {"scenario"},
     {"loop", "simulate"},
     {"metrics", "evaluate", "lyapunov", "bounds"},

@@ -13,6 +13,7 @@ from agvjax import (
     EULER,
     Command,
     Deadzone,
+    Decoupled,
     Measurement,
     NeuroBackstepping,
     NoDisturbance,
@@ -20,7 +21,6 @@ from agvjax import (
     pytree,
     simulate,
 )
-from agvjax.scenario import paper_deadzones
 from reference import Parameters
 
 
@@ -123,7 +123,7 @@ class Delay:
 
 
 def test_delay_line_delivers_the_command_of_three_steps_ago():
-    scenario = Scenario(deadzone={"position": Delay(), "heading": paper_deadzones()["heading"]})
+    scenario = Scenario(deadzone={"position": Delay(), "heading": Decoupled().deadzones()["heading"]})
     run = simulate(NeuroBackstepping(), scenario, n_steps=200)
     np.testing.assert_allclose(run.delivered[3:, :2], run.command[:-3, :2], rtol=1e-12)
     np.testing.assert_allclose(run.delivered[:3, :2], np.broadcast_to(run.command[0, :2], (3, 2)), rtol=1e-12)

@@ -47,7 +47,7 @@ from agvjax import (
 from agvjax.angle import bearing, wrap
 from agvjax.metrics import safe_sqrt
 from agvjax.path import reference
-from agvjax.plant import DecoupledState
+from agvjax.plants import DecoupledState
 
 slopes = st.floats(0.01, 10)
 thresholds = st.floats(0, 5)
@@ -383,7 +383,9 @@ def settling(error, t, smooth=True):
         reference_position=pair,
         reference_heading=flat,
         command=three,
+        inputs=three,
         delivered=three,
+        limited=flat > 1,
         controller=(),
         weight_norm=None,
         ok=jnp.array(True),

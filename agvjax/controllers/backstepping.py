@@ -6,9 +6,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,7 +19,7 @@ from .._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
 from ..angle import wrap
 from ..integrate import largest
 from ..path import Reference
-from ..plant import Command, Measurement
+from ..plants import Command, Measurement
 
 
 @pytree
@@ -43,6 +45,12 @@ class CommandFilter:
         """Derivatives of phi1 and phi2."""
         return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n * (phi1 - alpha1)
 
+    def held(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
+    ) -> tuple[Array, Array]:
+        """phi1 and phi2 a `period` [s] later, exactly, for an alpha1 that is held."""
+        return _second_order(phi1, phi2, alpha1, omega_n, omega_n, zeta * omega_n, period)
+
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """Roots of s^2 + 2 zeta omega_n s + omega_n^2 [1/s]."""
         return np.roots([1.0, 2 * zeta * omega_n, omega_n**2])
@@ -58,9 +66,41 @@ class LiteralFilter:
         """Derivatives of phi1 and phi2."""
         return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n**2 * (phi1 - alpha1)
 
+    def held(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
+    ) -> tuple[Array, Array]:
+        """phi1 and phi2 a `period` [s] later, exactly, for an alpha1 that is held."""
+        return _second_order(phi1, phi2, alpha1, omega_n, omega_n**2, zeta * omega_n, period)
+
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """Roots of s^2 + 2 zeta omega_n s + omega_n^3 [1/s]."""
         return np.roots([1.0, 2 * zeta * omega_n, omega_n**3])
+
+
+def _second_order(
+    x: Array, y: Array, rest: Array, p: Array, q: Array, decay: Array, period: Array
+) -> tuple[Array, Array]:
+    """Solution of x' = p y, y' = -2 decay y - q (x - rest) after a `period`.
+
+    M = [[0, p], [-q, -2 decay]] has expm(M T) = e^(-decay T) (C + S T (M + decay)) with C = cos d, S = sin(d) / d and
+    d^2 = (p q - decay^2) T^2; hyperbolic where that is negative, and smooth where it is 0, at the damping 1.
+    """
+    d2 = (p * q - decay**2) * period**2
+    C, S = _cosine_and_sinc(d2)
+    off, fade = x - rest, jnp.exp(-decay * period)
+    inner, outer = off * decay + p * y, -q * off - decay * y
+    return rest + fade * (C * off + S * period * inner), fade * (C * y + S * period * outer)
+
+
+def _cosine_and_sinc(d2: Array) -> tuple[Array, Array]:
+    """cos(d) and sin(d) / d as functions of d^2, which may be negative."""
+    small = jnp.abs(d2) < 1e-2
+    size = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(d2)))
+    C = jnp.where(d2 > 0, jnp.cos(size), jnp.cosh(size))
+    S = jnp.where(d2 > 0, jnp.sin(size), jnp.sinh(size)) / size
+    near = 1 - d2 / 2 * (1 - d2 / 12 * (1 - d2 / 30 * (1 - d2 / 56 * (1 - d2 / 90))))
+    near_S = 1 - d2 / 6 * (1 - d2 / 20 * (1 - d2 / 42 * (1 - d2 / 72 * (1 - d2 / 110))))
+    return jnp.where(small, near, C), jnp.where(small, near_S, S)
 
 
 @pytree
@@ -72,6 +112,12 @@ class NoFilter:
     ) -> tuple[Array, Array]:
         """Derivatives of phi1, which starts at alpha1 and so stays there, and of phi2, which is idle."""
         return alpha1_rate, jnp.zeros_like(phi2)
+
+    def held(
+        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
+    ) -> tuple[Array, Array]:
+        """Where alpha1 will be a `period` [s] later, by its rate."""
+        return alpha1 + period * alpha1_rate, phi2
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """None."""
@@ -101,6 +147,16 @@ def _divided(belief: Any, feedback: Array, rest: Array) -> tuple[Array, Array]:
     return u, jnp.where(u > 0, inverse_right, inverse_left)
 
 
+def _bounded(alpha1: Array, velocity: Array, limit: Any) -> tuple[Array, Any]:
+    """alpha1 with its correction to the path's velocity no longer than `limit`, and whether it was."""
+    if limit is None:
+        return alpha1, jnp.zeros((), bool)
+    correction = alpha1 - velocity
+    square = jnp.sum(correction**2)
+    met = square > limit**2
+    return velocity + correction * jnp.where(met, limit / jnp.sqrt(jnp.where(met, square, 1.0)), 1.0), met
+
+
 @pytree
 class Backstepping:
     """Eqs. (21)-(25), (41), (57), (63) without the network, with the paper's gains.
@@ -122,6 +178,7 @@ class Backstepping:
     wrapped: bool = structure(True)  # reading R17: the paper never wraps Z3
 
     tunable: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+    of_heading: ClassVar[tuple[str, ...]] = ("k3", "Lam_psi")
     fastest: ClassVar[tuple[str, str]] = ("command filter", "eq. (22)")
 
     def init(self, measurement: Measurement, reference: Reference) -> BacksteppingState:
@@ -145,12 +202,28 @@ class Backstepping:
         self, flow: BacksteppingState, held: object, measurement: Measurement, reference: Reference
     ) -> tuple[Command, BacksteppingState]:
         """Commands before the deadzone, and the derivative of the law's own state."""
-        s = flow
+        alpha1, alpha1_rate = self._virtual(flow, measurement, reference)
+        phi1_rate, phi2_rate = self.filter(flow.phi1, flow.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta)  # (22)  # pyright: ignore
+        return self._respond(flow, measurement, reference, alpha1, phi1_rate, phi2_rate)
+
+    def _virtual(self, s: BacksteppingState, measurement: Measurement, reference: Reference) -> tuple[Array, Array]:
+        """alpha1 and its derivative."""
+        Z1 = measurement.position - reference.position  # (21)
+        alpha1 = self.virtual_control(Z1, s.beta1, reference.velocity)
+        return alpha1, self.virtual_control(measurement.velocity - reference.velocity, Z1, reference.acceleration)
+
+    def _respond(
+        self,
+        s: BacksteppingState,
+        measurement: Measurement,
+        reference: Reference,
+        alpha1: Array,
+        phi1_rate: Array,
+        phi2_rate: Array,
+    ) -> tuple[Command, BacksteppingState]:
+        """The law once the filter's input and its motion are known."""
         Z1 = measurement.position - reference.position  # (21)
         Z2 = measurement.velocity - s.phi1  # (21)
-        alpha1 = self.virtual_control(Z1, s.beta1, reference.velocity)
-        alpha1_rate = self.virtual_control(measurement.velocity - reference.velocity, Z1, reference.acceleration)
-        phi1_rate, phi2_rate = self.filter(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta)  # (22)  # pyright: ignore
         xi1_rate = s.xi2 + (s.phi1 - alpha1) - self.k1 * s.xi1  # (23)
         xi2_rate = -self.k2 * s.xi2  # (23); 0 forever from its start at 0 (reading R7)
         Zb2 = Z2 - s.xi2  # (24); Zb1 = Z1 - xi1 enters no law
@@ -172,6 +245,54 @@ class Backstepping:
             network=self.adapt(s.network, measurement, Zb2, Z3, inverse, inverse_psi),
         )
         return Command(position=U_bar, heading=omega_bar), rate
+
+    def step(
+        self, s: BacksteppingState, measurement: Measurement, reference: Reference, period: Array, limit: Any = None
+    ) -> tuple[Command, BacksteppingState, Any]:
+        """One period of a digital loop, measurement and reference held over it.
+
+        The filter (22), the compensation (23) and the adapted weights (45), (67), all linear in themselves, are stepped
+        exactly; phi1' in (41) is the mean over the period. `limit` [m/s] bounds the norm of alpha1 - chi1_d'.
+
+        Returns:
+            The command, the state a `period` [s] later, and whether the limit was met.
+        """
+        alpha1, alpha1_rate = self._virtual(s, measurement, reference)
+        alpha1, met = _bounded(alpha1, reference.velocity, limit)
+        phi1, phi2 = self.filter.held(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta, period)  # pyright: ignore
+        command, rate = self._respond(s, measurement, reference, alpha1, (phi1 - s.phi1) / period, phi2)
+
+        def faded(state: Any, slope: Any, decay: Any) -> Any:
+            return jax.tree.map(lambda x, dx, k: x - jnp.expm1(-k * period) / k * dx, state, slope, decay)
+
+        later = BacksteppingState(
+            phi1=phi1,
+            phi2=phi2,
+            xi1=faded(s.xi1, rate.xi1, self.k1),
+            xi2=faded(s.xi2, rate.xi2, self.k2),
+            beta1=s.beta1 + period * rate.beta1,
+            beta2=s.beta2 + period * rate.beta2,
+            network=faded(s.network, rate.network, self.decay()),
+        )
+        return command, later, met
+
+    def relieved(
+        self, before: BacksteppingState, later: BacksteppingState, missing: Array, limited: Array, period: Array
+    ) -> BacksteppingState:
+        """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied.
+
+        The filter moves by what would have asked for the applied command, (41) being -k2 (chi2 - phi1) + phi1'; the
+        integral of the position error stands still while anything is `limited`.
+        """
+        return dataclasses.replace(
+            later,
+            phi1=later.phi1 - missing / (1 / period + self.k2),
+            beta1=jnp.where(limited, before.beta1, later.beta1),
+        )
+
+    def decay(self) -> Any:
+        """How fast what is adapted forgets [1/s], a tree like the network's."""
+        return ()
 
     def start_network(self, zero: Float[Array, ""]) -> Any:
         """What is adapted, at its start."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 from .._pytree import POSITIVE, number, pytree
 from ..angle import wrap
 from ..path import Reference
-from ..plant import Command, Measurement, turned
+from ..plants import Command, Measurement, turned
 
 
 @pytree

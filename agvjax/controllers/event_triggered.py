@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
 from ..path import Reference
-from ..plant import Command, Measurement
+from ..plants import Command, Measurement
 from .neuro_backstepping import NeuroBackstepping
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, Rule, number, pytree, structure
 from ..path import Reference
-from ..plant import Command, Measurement
+from ..plants import Command, Measurement
 from .neuro_backstepping import NeuroBackstepping
 
 ORDER = Rule("> 0 and <= 1", lambda x: (x > 0) & (x <= 1), 0.0, 1.0)

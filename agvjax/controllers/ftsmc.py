@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from .._pytree import FRACTION, POSITIVE, number, pytree
 from ..angle import wrap
 from ..path import Reference
-from ..plant import Command, Measurement, turned
+from ..plants import Command, Measurement, turned
 
 
 def signed_power(x: Array, exponent: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree
-from ..plant import Measurement
+from ..plants import Measurement
 from ..rbf import RadialBasis
 from .backstepping import Backstepping, BacksteppingState
 
@@ -56,6 +56,10 @@ class FullWeightBackstepping(Backstepping):
             W=self.gamma1 * S[:, None] * Zb2[None, :] - self.eta1 * network.W,
             W_psi=self.gamma2 * S_psi * Z3 - self.eta2 * network.W_psi,
         )
+
+    def decay(self) -> Weights:
+        """How fast the weights forget [1/s]."""
+        return Weights(W=self.eta1, W_psi=self.eta2)  # pyright: ignore[reportArgumentType]
 
     def weight_norms(self, flow: BacksteppingState) -> Float[Array, "2"]:
         """Squared norms of the weights, position and heading."""

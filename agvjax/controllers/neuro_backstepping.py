@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
-from ..plant import Measurement
+from ..plants import Measurement
 from ..rbf import RadialBasis
 from .backstepping import Backstepping, BacksteppingState
 
@@ -52,6 +52,10 @@ class NeuroBackstepping(Backstepping):
             varphi=self.gamma1 * jnp.sum(Zb2**2 * inverse) * share - self.eta1 * network.varphi,
             varphi_psi=self.gamma2 * Z3**2 * share_psi * inverse_psi - self.eta2 * network.varphi_psi,
         )
+
+    def decay(self) -> WeightNorms:
+        """How fast the estimates forget [1/s]."""
+        return WeightNorms(varphi=self.eta1, varphi_psi=self.eta2)  # pyright: ignore[reportArgumentType]
 
     def shares(self, measurement: Measurement) -> tuple[Array, Array]:
         """S'S / (2 b1^2) of the position network, whose input is chi2, and of the heading network (reading R11)."""

@@ -13,7 +13,7 @@ from .._pytree import POSITIVE, number, pytree
 from ..angle import wrap
 from ..integrate import largest
 from ..path import Reference
-from ..plant import Command, Measurement
+from ..plants import Command, Measurement
 
 
 @pytree

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax import plant
+from agvjax import plants
 
 from . import cases
 from .published import CHANNELS
@@ -90,7 +90,7 @@ def steepest(trajectory: Any, controller: Any, scenario: Any) -> np.ndarray:
     def asked(t: Any, flow: Any, measurement: Any) -> Any:
         ref = agvjax.path.reference(scenario.path, scenario.heading, t)
         command, _ = controller.inner.law(flow, (), measurement, ref)
-        return plant.Command(position=command.position, heading=command.heading)
+        return plants.Command(position=command.position, heading=command.heading)
 
     inputs = jax.tree.map(jnp.asarray, (trajectory.t, trajectory.controller, seen(trajectory)))
     out = jax.jit(jax.vmap(asked))(*inputs)

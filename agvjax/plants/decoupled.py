@@ -1,9 +1,4 @@
-"""Plants, eqs. (1)-(10): how the vehicle moves under what its actuators deliver.
-
-A plant is anything with `start(start) -> state`, `allocate(command, state) -> {actuator: input}`,
-`derivative(state, memory, delivered, disturbance) -> state`, `output(state, delivered) -> Measurement` and a
-`feedthrough` that says whether its output depends on what it delivers at the same instant.
-"""
+"""The plant that the paper simulates, eqs. (4)-(10): three independent inputs."""
 
 from __future__ import annotations
 
@@ -12,34 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._pytree import ANY, POSITIVE, number, pytree
-
-
-@pytree
-class Command:
-    """What a controller asks for, before the actuators: U_bar and omega_bar."""
-
-    position: Float[Array, "2"]  # m/s^2
-    heading: Float[Array, ""]  # rad/s
-
-
-@pytree
-class Measurement:
-    """What a controller sees of the vehicle."""
-
-    position: Float[Array, "2"]  # m, the reference point (x_n, y_n), eq. (2)
-    velocity: Float[Array, "2"]  # m/s
-    heading: Float[Array, ""]  # rad
-    yaw_rate: Float[Array, ""]  # rad/s
-
-
-@pytree
-class Start:
-    """Where a run begins (section 4)."""
-
-    position: Float[Array, "2"] = number((-0.5, 0.5), "m", ANY, "sec. 4", shape=(2,))
-    velocity: Float[Array, "2"] = number((0.1, 0.1), "m/s", ANY, "sec. 4 (reading R15)", shape=(2,))
-    heading: float = number(0.1, "rad", ANY, "sec. 4")
+from .._pytree import POSITIVE, number, pytree
+from ..deadzone import Deadzone
+from .protocol import Command, Measurement, Start, turned
 
 
 @pytree
@@ -74,11 +44,6 @@ class KinematicYawRate:
         return (-state.velocity[0] * sine + state.velocity[1] * cosine) / L
 
 
-def turned(velocity: Float[Array, "2"], yaw_rate: Float[Array, ""]) -> Float[Array, "2"]:
-    """The acceleration of a velocity that turns at a yaw rate [m/s^2]; also the F that model-based laws cancel."""
-    return yaw_rate * jnp.stack([-velocity[1], velocity[0]])
-
-
 @pytree
 class TurnedVelocity:
     """Reading R9, the default: F = w (-y_n', x_n'), which eq. (4) equals where the point's lateral velocity is L w."""
@@ -109,6 +74,13 @@ class Decoupled:
 
     actuators = ("position", "heading")  # the channels it takes, named as in the scenario's deadzones
 
+    def deadzones(self) -> dict[str, Deadzone]:
+        """Section 4: one deadzone for x and y, one for the heading."""
+        return {
+            "position": Deadzone(slope_right=0.6, slope_left=0.8, threshold_right=0.5, threshold_left=0.4),
+            "heading": Deadzone(slope_right=0.91, slope_left=0.72, threshold_right=0.66, threshold_left=0.53),
+        }
+
     @property
     def feedthrough(self) -> bool:
         """Whether `output` needs what is delivered at the same instant."""
@@ -118,9 +90,13 @@ class Decoupled:
         """The state a run begins in."""
         return DecoupledState(position=start.position, velocity=start.velocity, heading=start.heading)  # pyright: ignore
 
-    def allocate(self, command: Command, state: DecoupledState) -> dict[str, Array]:
+    def allocate(self, command: Command, measurement: Measurement) -> dict[str, Array]:
         """The inputs of the actuators: `position` (2,) [m/s^2] and `heading` () [rad/s]."""
         return {"position": command.position, "heading": command.heading}
+
+    def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
+        """The position command [m/s^2] that inputs amount to."""
+        return inputs["position"]
 
     def derivative(self, state: DecoupledState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:
         """Eqs. (6) and (55). Derivative of the state under the delivered inputs and a disturbance of shape (3,)."""

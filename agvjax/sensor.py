@@ -1,0 +1,62 @@
+"""What stands between the vehicle and what the controller is told of it.
+
+A sensor is `sensor(held, measurement) -> measurement`, with `hold(measurement)` and `jump(held, measurement, h)` where
+it has memory, which jumps at control instants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._pytree import NONNEGATIVE, number, pytree
+from .plants import Measurement
+
+
+@pytree
+class NoiseMemory:
+    """Standard normal numbers of this control instant, and how many instants there were."""
+
+    drawn: Float[Array, "6"]
+    count: Float[Array, ""]
+
+
+@pytree
+class Noise:
+    """White Gaussian noise on what is measured, drawn anew at every control instant; standard deviations.
+
+    The numbers depend on the seed and on how many instants there were, on nothing else.
+    """
+
+    position: float = number(2e-3, "m", NONNEGATIVE)
+    velocity: float = number(4e-3, "m/s", NONNEGATIVE)
+    heading: float = number(0.0, "rad", NONNEGATIVE)
+    yaw_rate: float = number(0.0, "rad/s", NONNEGATIVE)
+    seed: float = number(0.0, "1", NONNEGATIVE)
+
+    def hold(self, measurement: Measurement) -> NoiseMemory:
+        """Those of the first instant."""
+        return self._at(jnp.zeros_like(measurement.heading))
+
+    def jump(self, held: NoiseMemory, measurement: Measurement, h: Any) -> NoiseMemory:
+        """Those of the next one."""
+        return self._at(held.count + 1)
+
+    def _at(self, count: Array) -> NoiseMemory:
+        key = jax.random.fold_in(jax.random.key(jnp.asarray(self.seed).astype(int)), count.astype(int))
+        return NoiseMemory(drawn=jax.random.normal(key, (6,), count.dtype), count=count)
+
+    def __call__(self, held: NoiseMemory, measurement: Measurement) -> Measurement:
+        """What the controller is told."""
+        n = held.drawn
+        return dataclasses.replace(
+            measurement,
+            position=measurement.position + self.position * n[:2],
+            velocity=measurement.velocity + self.velocity * n[2:4],
+            heading=measurement.heading + self.heading * n[4],
+            yaw_rate=measurement.yaw_rate + self.yaw_rate * n[5],
+        )
