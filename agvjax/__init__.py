@@ -56,9 +56,11 @@ from .controllers import Oustaloup as Oustaloup
 from .controllers import Sampled as Sampled
 from .controllers import SuperTwistingFTSMC as SuperTwistingFTSMC
 from .deadzone import Deadzone as Deadzone
+from .disturbance import BandLimitedNoise as BandLimitedNoise
 from .disturbance import Cosine as Cosine
 from .disturbance import CosineSum as CosineSum
 from .disturbance import NoDisturbance as NoDisturbance
+from .disturbance import Recorded as Recorded
 from .disturbance import Step as Step
 from .evaluate import Batch as Batch
 from .evaluate import batch as batch
@@ -89,10 +91,16 @@ from .plants import Decoupled as Decoupled
 from .plants import DeliveredYawRate as DeliveredYawRate
 from .plants import DifferentialDrive as DifferentialDrive
 from .plants import ForwardSpeed as ForwardSpeed
+from .plants import FrictionPatch as FrictionPatch
+from .plants import KinematicSingleTrack as KinematicSingleTrack
 from .plants import KinematicYawRate as KinematicYawRate
+from .plants import LinearTyre as LinearTyre
 from .plants import Measurement as Measurement
+from .plants import SaturatingTyre as SaturatingTyre
+from .plants import SingleTrack as SingleTrack
 from .plants import SpeedDrive as SpeedDrive
 from .plants import Start as Start
+from .plants import SteeringLimits as SteeringLimits
 from .plants import TorqueDrive as TorqueDrive
 from .plants import TurnedVelocity as TurnedVelocity
 from .plants import Unicycle as Unicycle
@@ -101,6 +109,7 @@ from .scenario import Scenario as Scenario
 from .sensor import Noise as Noise
 from .simulate import Trajectory as Trajectory
 from .simulate import simulate as simulate
+from .waypoints import Waypoints as Waypoints
 from .xla import tune_xla as tune_xla
 
 __version__ = "0.1.0"

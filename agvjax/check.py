@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax.numpy as jnp
 import numpy as np
 
+from .actuators import Chain, Delay
 from .integrate import Integrator
 from .leaves import cast, children
 
@@ -65,8 +66,10 @@ def _broken(key: str, value: Any, field: Any) -> list[Problem]:
     return []
 
 
-def step_problems(controller: Any, dt: float, horizon: float, integrator: Integrator) -> list[Problem]:
-    """What is wrong with a step and a horizon, for this controller and integrator."""
+def step_problems(
+    controller: Any, dt: float, horizon: float, integrator: Integrator, scenario: Any = None
+) -> list[Problem]:
+    """What is wrong with a step and a horizon, for this controller, integrator and, if given, scenario."""
     found = []
     if not (np.isfinite(dt) and dt > 0):
         return [Problem("dt", dt, "finite and > 0", "reading R10")]
@@ -82,7 +85,27 @@ def step_problems(controller: Any, dt: float, horizon: float, integrator: Integr
             fastest, source = getattr(controller, "fastest", ("law's fastest part", ""))
             rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the {fastest} diverge"
             found.append(Problem("dt", dt, rule, source))
+    for name, chain in () if scenario is None else scenario.actuators.items():
+        between = float(controller.period) if hasattr(controller, "period") else dt
+        found += _element_problems(f"actuators.{name}", chain, dt, between, integrator)
     return found
+
+
+def _element_problems(key: str, part: Any, dt: float, between: float, integrator: Integrator) -> list[Problem]:
+    """Elements that a step cannot follow, delays that forget; `between` [s] changes of the input."""
+    if isinstance(part, Chain):
+        parts = ((f"{key}.{name}", p) for name, p in part.items())
+        return [problem for name, p in parts for problem in _element_problems(name, p, dt, between, integrator)]
+    if isinstance(part, Delay):
+        slots = 1 + int(np.ceil((float(part.time) + float(part.jitter)) / between - 1e-9))
+        if part.slots < slots:
+            rule = f"at least {slots}, to remember every change of its input, one each {between:g} s"
+            return [Problem(f"{key}.slots", part.slots, rule)]
+    if hasattr(part, "poles"):
+        limit = integrator.stable_step(np.array(part.poles()))
+        if dt > limit:
+            return [Problem("dt", dt, f"at most {limit:.3g} s: beyond, {integrator.name} makes {key} diverge")]
+    return []
 
 
 def step_warnings(controller: Any, dt: float, integrator: Integrator) -> list[str]:

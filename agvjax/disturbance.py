@@ -7,11 +7,18 @@ of amplitudes costs one multiplication.
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ._pytree import ANY, NONNEGATIVE, number, pytree
+from ._pytree import ANY, NONNEGATIVE, Rule, number, pytree, structure
+from .actuators import uniform
 
+INCREASING = Rule("finite and each above the one before", lambda x: np.all(np.diff(x) > 0, axis=-1))
 UNIT = "m/s^2, m/s^2, rad/s"
 
 
@@ -80,3 +87,38 @@ class CosineSum(_Scaled):
     def scale(self, shape: Float[Array, " M"]) -> Float[Array, "3"]:
         """The sum over the cosines, shape (3,)."""
         return jnp.broadcast_to(jnp.sum(self.amplitudes * shape), (3,))
+
+
+@pytree
+class BandLimitedNoise(_Scaled):
+    """Noise between two frequencies, a pure function of time; `amplitude` is its root mean square over a long time.
+
+    The sum of `terms` cosines in each channel, one in each of as many equal parts of the band. Where in its part, and
+    with which phase, is drawn by a hash of the seed: the channels are uncorrelated, and nothing repeats soon.
+    """
+
+    amplitude: float = number(0.2, UNIT, ANY, shape=(3,))
+    low: float = number(1.0, "rad/s", NONNEGATIVE)
+    high: float = number(10.0, "rad/s", NONNEGATIVE)
+    seed: float = number(0.0, "1", NONNEGATIVE)
+    terms: int = structure(32)
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Noise of root mean square 1, shape (3,)."""
+        drawn = uniform(self.seed, jnp.arange(6 * self.terms).astype(t.dtype)).reshape(2, 3, self.terms)
+        part = jnp.arange(self.terms).astype(t.dtype) + 0.25  # the middle half: two cosines do not merge into one
+        omegas = self.low + (self.high - self.low) / self.terms * (part[None, :] + 0.5 * drawn[0])
+        return (2 / self.terms) ** 0.5 * jnp.sum(jnp.cos(omegas * t + 2 * jnp.pi * drawn[1]), axis=1)
+
+
+@pytree
+class Recorded(_Scaled):
+    """A record: linear between its samples, before the first and after the last what they are."""
+
+    times: Any = number((0.0, 1.0), "s", INCREASING, shape=(None,))  # (N,)
+    values: Any = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))  # (N, 3) m/s^2, m/s^2, rad/s
+    amplitude: float = number(1.0, "1", ANY, shape=(3,))
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """The record at time `t` [s], shape (3,)."""
+        return jax.vmap(lambda channel: jnp.interp(t, self.times, channel), 1)(jnp.asarray(self.values))

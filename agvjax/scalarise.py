@@ -146,7 +146,40 @@ def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list
     if name in CALLS:
         inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
         return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs, once)
+    if name == "cond":
+        return _cond(equation, inputs)
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
+
+
+def _cond(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
+    """A branch, its numbers kept apart: stacked for it they would have to be taken apart again."""
+    index, *operands = inputs
+    shapes, avals = [x.shape for x in operands], [v.aval for v in equation.outvars]
+
+    def scalar(branch: Any) -> Callable[..., list[Any]]:
+        def run(*numbers: Any) -> list[Any]:
+            out = _interpret(branch.jaxpr, [split(c) for c in branch.consts], _regroup(numbers, shapes), Once())
+            each = [(v, aval.dtype) for x, aval in zip(out, avals, strict=True) for v in x.ravel()]
+            return [jnp.asarray(v, dtype) if isinstance(v, np.generic | np.ndarray) else v for v, dtype in each]
+
+        return run
+
+    numbers = [v for x in operands for v in x.ravel()]
+    out = lax.switch(index[()], [scalar(branch) for branch in equation.params["branches"]], *numbers)
+    return _regroup(out, [aval.shape for aval in avals])
+
+
+def _regroup(numbers: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> list[Numbers]:
+    """Scalars in a row as arrays of these shapes."""
+    arrays, at = [], 0
+    for shape in shapes:
+        n = int(np.prod(shape))
+        part = np.empty(n, object)
+        for i in range(n):  # one by one: NumPy would try to look into the tracers
+            part[i] = numbers[at + i]
+        arrays.append(part.reshape(shape))
+        at += n
+    return arrays
 
 
 def _whole(equation: Any, jaxpr: Any) -> Callable[..., list[Any]]:
@@ -224,16 +257,7 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
     treedef = jax.tree.structure(shapes)
 
     def rewritten(*numbers: Any) -> Any:
-        flat = jax.tree.leaves(numbers)
-        inputs, at = [], 0
-        for shape in places:
-            n = int(np.prod(shape))
-            part = np.empty(n, object)
-            for i in range(n):  # one by one: NumPy would try to look into the tracers
-                part[i] = flat[at + i]
-            inputs.append(part.reshape(shape))
-            at += n
-        out = _interpret(jaxpr, consts, inputs, Once())
+        out = _interpret(jaxpr, consts, _regroup(jax.tree.leaves(numbers), places), Once())
         return jax.tree.unflatten(treedef, [list(x.ravel()) for x in out])
 
     def pack(numbers: Any) -> Any:

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 FLOORS = [
     {"_pytree", "integrate", "angle", "leaves", "xla", "elementary"},
     {"scalarise"},
-    {"deadzone", "rbf", "path", "disturbance", "actuators"},
+    {"deadzone", "rbf", "path", "waypoints", "disturbance", "actuators"},
     {"plants"},
     {"sensor", "controllers"},
     {"scenario"},

@@ -12,12 +12,17 @@ import numpy as np
 import tomli_w
 
 import agvjax
+from agvjax.actuators import ELEMENTS
 
-from .ensemble import Between, Distribution, OneOf, Span, Times
+from .ensemble import Between, Distribution, OneOf, Span, Times, default_draws
 from .free import tunable
+from .objective import metrics_of
 from .reader import CLASSES, Reader
+from .recordings import RECIPES
 from .rules import problems
-from .settings import VERSION, Bound, Config, Limit, Weights
+from .settings import VERSION, Bound, Config, Limit, Weights, default_over
+
+VEHICLES, BUILT_IN = Path(__file__).with_name("vehicles"), ("unicycle", "car", "robot")
 
 
 def load(
@@ -31,9 +36,11 @@ def load(
     table: dict[str, Any] = {}
     for name in files:
         try:
-            _merge(table, tomllib.loads(Path(name).read_text(encoding="utf-8-sig")))
+            file = VEHICLES / f"{name}.toml" if name in BUILT_IN else Path(name)
+            _merge(table, tomllib.loads(file.read_text(encoding="utf-8-sig")))
         except (OSError, ValueError, RecursionError) as error:
-            raise agvjax.InputError([agvjax.Problem("--config", name, f"a readable TOML file ({error})")]) from error
+            rule = f"a readable TOML file, or one of {', '.join(BUILT_IN)} ({error})"
+            raise agvjax.InputError([agvjax.Problem("--config", name, rule)]) from error
     for text in overrides:
         _merge(table, _override(text))
     for key, value in (more or {}).items():
@@ -53,12 +60,38 @@ def resolve(table: Mapping[str, Any], command: str = "tune") -> Config:
             [agvjax.Problem("version", repr(version), f"{VERSION}, the file format of this release")]
         )
     reader = Reader()
-    config = reader.fields("", Config(), table)
-    if not config.tune.gains:
-        config = dataclasses.replace(config, tune=dataclasses.replace(config.tune, gains=tunable(config.controller)))
+    first = {key: table[key] for key in ("scenario",) if key in table}  # a computer takes its vehicle for this one
+    config = fitted(reader.fields("", Config(), first | dict(table)), table)
     found = reader.problems + problems(config, command)
     if found:
         raise agvjax.InputError(found)
+    return config
+
+
+def fitted(config: Config, given: Mapping[str, Any]) -> Config:
+    """The defaults that hang on law and plant, where the table gives nothing of its own."""
+    plant, known = config.scenario.plant, metrics_of(config.scenario.plant)
+
+    def own(section: str, key: str) -> Any:
+        table = given.get(section, {})
+        return table.get(key) if isinstance(table, Mapping) else None
+
+    heading = getattr(plant, "commands_heading", True)
+    wanted = own("tune", "limits") if isinstance(own("tune", "limits"), Mapping) else {}
+    limits = {name: limit for name, limit in config.tune.limits.items() if name in known or name in wanted}
+    gains = config.tune.gains or tunable(config.controller, heading)
+    config = dataclasses.replace(config, tune=dataclasses.replace(config.tune, gains=gains, limits=limits))
+    if own("sweep", "metrics") is None:
+        metrics = tuple(name for name in config.sweep.metrics if name in known)
+        config = dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, metrics=metrics))
+    if "position" in plant.actuators:
+        return config
+    if own("ensemble", "draws") is None:
+        ensemble = dataclasses.replace(config.ensemble, draws=default_draws(plant.actuators))
+        config = dataclasses.replace(config, ensemble=ensemble)
+    if own("sweep", "over") is None:
+        sweep = dataclasses.replace(config.sweep, over=default_over(plant.actuators[0]))
+        config = dataclasses.replace(config, sweep=sweep)
     return config
 
 
@@ -111,10 +144,14 @@ def _table(key: str, value: Any) -> Any:
     if key in CLASSES:
         known = [n for n, c in CLASSES[key].items() if (value is None if c is None else type(value) is c)]
         kind = known[0] if known else f"{type(value).__module__}.{type(value).__qualname__}"  # the user's own
-        fields = {} if value is None else _fields(key, value)
+        recipe = RECIPES.get(type(value))
+        fields = {} if value is None else recipe.table(value) if recipe else _fields(key, value)
         return {"type": kind, **fields} if fields else kind
     if dataclasses.is_dataclass(value):
         return _fields(key, value)
+    if isinstance(value, agvjax.Chain):
+        kinds = {cls: kind for kind, cls in ELEMENTS.items()}
+        return {name: {"type": kinds[type(part)], **_fields(f"{key}.{name}", part)} for name, part in value.items()}
     if isinstance(value, Mapping):
         return {name: _table(f"{key}.{name}", part) for name, part in value.items()}
     if isinstance(value, tuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,10 +93,10 @@ def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
     return low, high
 
 
-def default_draws() -> dict[str, Draw]:
+def default_draws(actuators: Iterable[str] = ("position", "heading")) -> dict[str, Draw]:
     """The default tuning problem: every deadzone number within a half of nominal, disturbance and start drawn too."""
     parts = ("slope_right", "slope_left", "threshold_right", "threshold_left")
-    draws: dict[str, Draw] = {f"deadzone.{c}.{p}": Times(0.5, 1.5) for c in ("position", "heading") for p in parts}
+    draws: dict[str, Draw] = {f"deadzone.{c}.{p}": Times(0.5, 1.5) for c in actuators for p in parts}
     return draws | {
         "disturbance.amplitude": Between(0.0, 0.4),
         "start.position": Between(-0.5, 0.5),

@@ -119,8 +119,12 @@ def tie(
     return found
 
 
-def tunable(controller: Any) -> tuple[str, ...]:
-    """The gains to tune by default: those the law names, or every single number of a law that names none."""
+def tunable(controller: Any, heading: bool = True) -> tuple[str, ...]:
+    """The gains to tune by default: those the law names, or every single number of a law that names none.
+
+    Those of the heading only where that can be commanded.
+    """
     if hasattr(controller, "tunable"):
-        return tuple(controller.tunable)
+        unused = () if heading else getattr(controller, "of_heading", ())
+        return tuple(name for name in controller.tunable if name not in unused)
     return tuple(name for name, value in agvjax.leaves(controller).items() if np.ndim(value) == 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -49,9 +49,29 @@ METRICS: dict[str, Callable[[agvjax.Metrics], Array]] = {
     **_by_axis("effort", lambda m: m.rms_command),
     **{f"peak_{axis}": lambda m, i=i: m.peak_command[..., i] for i, axis in enumerate(AXES[:2])},
     **_by_axis("chatter", lambda m: m.chatter),
+    "delivered_effort": lambda m: m.delivered_effort,
+    "delivered_peak": lambda m: jnp.max(m.peak_delivered, -1),
+    "delivered_variation": lambda m: jnp.sum(m.variation_delivered, -1),
+    "limited": lambda m: m.limited,
 }
+OF_HEADING = frozenset(name for name in METRICS if name.endswith("_heading"))
+OF_DELIVERED = frozenset(("delivered_effort", "delivered_peak", "delivered_variation", "limited"))
 _UNITS = {"rmse": "m, rad", "effort": "mixed", "chatter": "mixed", "iae": "mixed", "ise": "mixed", "itae": "mixed"}
+_UNITS |= {name: "of the actuators" for name in OF_DELIVERED} | {"limited": "share of the time"}
 _UNITS |= {"peak_position": "m/s^2", "peak_heading": "rad/s", "settling_time": "s"}
+
+
+def metrics_of(plant: Any) -> tuple[str, ...]:
+    """The metrics that there are for a plant: none of the heading where that cannot be commanded."""
+    heading = getattr(plant, "commands_heading", True)
+    return tuple(name for name in METRICS if heading or name not in OF_HEADING)
+
+
+def criteria(names: Iterable[str]) -> agvjax.Criteria:
+    """How runs must be judged to have these metrics, and slopes of them."""
+    names = tuple(names)
+    smooth = any(name.startswith("settling") for name in names)
+    return agvjax.Criteria(smooth=smooth, delivered=not OF_DELIVERED.isdisjoint(names))
 
 
 def unit(metric: str) -> str:
@@ -122,7 +142,7 @@ class Objective(NamedTuple):
     @property
     def criteria(self) -> agvjax.Criteria:
         """How runs must be judged for these metrics to have slopes."""
-        return agvjax.Criteria(smooth=any(name.startswith("settling") for name in self.names))
+        return criteria(self.names)
 
     @property
     def places(self) -> list[tuple[int, int]]:
@@ -141,8 +161,9 @@ class Objective(NamedTuple):
     def statistics(self, values: Float[Array, "M B"]) -> Float[Array, "3 M"]:
         """Mean, worst and mean of the worst `tail` of every metric."""
         shares = jnp.asarray(self.shares(values.shape[1]), values.dtype)
-        order = jnp.argsort(-values, axis=1)
-        ranked, parts = jnp.take_along_axis(values, order, 1), shares[order]
+        each = jnp.broadcast_to(shares, values.shape)
+        falling, parts = jax.lax.sort((-values, each), dimension=1, num_keys=1)
+        ranked = -falling
         taken = jnp.clip(self.tail - (jnp.cumsum(parts, axis=1) - parts), 0, parts) / self.tail
         return jnp.stack([values @ shares, jnp.max(values, axis=1), jnp.sum(taken * ranked, axis=1)])
 

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 import agvjax
+from agvjax.actuators import ELEMENTS
 
 from .ensemble import Between, Distribution, Draw, OneOf, Span, Times, default_draws
 from .objective import METRICS
+from .recordings import RECIPES, Recipe
 from .settings import CHOICES, Bound, Limit, Weights
 
 LAWS = {
@@ -29,20 +31,39 @@ LAWS = {
     "ftsmc": agvjax.FTSMC,
     "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
 }
+COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
+PLANTS = {
+    "decoupled": agvjax.Decoupled,
+    "unicycle": agvjax.Unicycle,
+    "differential_drive": agvjax.DifferentialDrive,
+    "kinematic_single_track": agvjax.KinematicSingleTrack,
+    "single_track": agvjax.SingleTrack,
+}
+PARTS = {
+    "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
+    "coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "drive": {"torque": agvjax.TorqueDrive, "speed": agvjax.SpeedDrive},
+    "tyre": {"linear": agvjax.LinearTyre, "saturating": agvjax.SaturatingTyre},
+    "surface": {"none": None, "patch": agvjax.FrictionPatch},
+}
 FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
 CLASSES: dict[str, dict[str, Any]] = {
-    "controller": LAWS | {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping},
+    "controller": LAWS | COMPOSED | {"sampled": agvjax.Sampled},
     "controller.inner": LAWS,
     "controller.filter": FILTERS,
     "controller.inner.filter": FILTERS,
-    "scenario.plant": {"decoupled": agvjax.Decoupled},
-    "scenario.plant.yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
-    "scenario.plant.coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
+    "controller.vehicle": PLANTS,
+    **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
+    "scenario.plant": PLANTS,
+    **{f"scenario.plant.{name}": classes for name, classes in PARTS.items()},
+    "scenario.sensor": {"none": None, "noise": agvjax.Noise},
     "scenario.path": {
         "dumbbell": agvjax.Dumbbell,
         "circle": agvjax.Circle,
         "lemniscate": agvjax.Lemniscate,
         "line": agvjax.Line,
+        "waypoints": agvjax.Waypoints,
     },
     "scenario.heading": {
         "default": None,
@@ -56,6 +77,8 @@ CLASSES: dict[str, dict[str, Any]] = {
         "none": agvjax.NoDisturbance,
         "step": agvjax.Step,
         "cosine_sum": agvjax.CosineSum,
+        "band_limited_noise": agvjax.BandLimitedNoise,
+        "recorded": agvjax.Recorded,
     },
 }
 
@@ -69,6 +92,7 @@ class Reader:
 
     def __init__(self) -> None:
         self.problems: list[agvjax.Problem] = []
+        self.plant: Any = agvjax.Decoupled()  # of the scenario, as far as read
 
     def wrong(self, key: str, value: Any, rule: str, source: str = "") -> None:
         """Note what is wrong."""
@@ -89,6 +113,10 @@ class Reader:
         if default is None:
             self.wrong(key, given, "absent: it can be set in Python only")
             return default
+        if key == "scenario":
+            return self.scenario(default, given)
+        if key == "scenario.actuators":
+            return self.chains(key, default, given)
         if key == "ensemble.draws":
             return self.draws(key, given)
         if key == "tune.bounds":
@@ -119,11 +147,14 @@ class Reader:
             self.wrong(key, given, "a table")
             return default
         known = [f.name for f in dataclasses.fields(default)]
+        counts = [f.name for f in dataclasses.fields(default) if f.metadata.get("static") and type(f.default) is int]
         new = {}
         for name, value in given.items():
             part = f"{key}.{name}" if key else name
             if name not in known:
                 self.unknown(part, value, known)
+            elif name in counts and not (type(value) is int and value >= 1):
+                self.wrong(part, value, "a whole number >= 1")
             else:
                 new[name] = self.build(part, getattr(default, name), value)
         return dataclasses.replace(default, **new)
@@ -140,14 +171,63 @@ class Reader:
         if kind is not None and (not isinstance(kind, str) or kind not in classes):
             self.wrong(f"{key}.type", kind, f"one of {', '.join(classes)}")
             return default
+        rest = {name: value for name, value in given.items() if name != "type"}
+        recipe = RECIPES.get(type(default) if kind is None else classes[kind])
+        if recipe is not None:
+            return self.make(key, default, rest, recipe)
         if kind is not None and (classes[kind] is None or type(default) is not classes[kind]):
             default = None if classes[kind] is None else classes[kind]()
-        rest = {name: value for name, value in given.items() if name != "type"}
+            if isinstance(default, agvjax.Sampled):
+                default = dataclasses.replace(default, vehicle=self.plant)
         if default is None:
             for name, value in rest.items():
                 self.wrong(f"{key}.{name}", value, "absent: this type has nothing to set")
             return None
         return self.fields(key, default, rest)
+
+    def make(self, key: str, default: Any, given: Mapping[str, Any], recipe: Recipe) -> Any:
+        """An object that a function of its own makes from the table."""
+        for name in given:
+            if name not in recipe.keys:
+                self.unknown(f"{key}.{name}", given[name], recipe.keys)
+        try:
+            return recipe.make(given)
+        except agvjax.InputError as error:
+            for problem in error.problems:
+                self.wrong(f"{key}.{problem.key}", problem.value, problem.rule, problem.source)
+            return default
+
+    def scenario(self, default: Any, given: Any) -> Any:
+        """The plant first: the names of actuators, and the deadzones that are meant where none are given, are its."""
+        if isinstance(given, Mapping) and "plant" in given:
+            plant = self.build("scenario.plant", default.plant, given["plant"])
+            nominal = default.deadzone if plant.actuators == default.plant.actuators else plant.deadzones()
+            default = dataclasses.replace(default, plant=plant, deadzone=nominal)
+            given = {name: value for name, value in given.items() if name != "plant"}
+        self.plant = default.plant
+        return self.fields("scenario", default, given)
+
+    def chains(self, key: str, default: Any, given: Any) -> Any:
+        """By actuator what its signal runs through, in the order of the table."""
+        if not isinstance(given, Mapping) or not all(isinstance(table, Mapping) for table in given.values()):
+            self.wrong(key, given, "a table for each actuator, of its elements in the order of the signal")
+            return default
+        for name in set(given) - set(self.plant.actuators):
+            self.unknown(f"{key}.{name}", given[name], self.plant.actuators)
+        return {name: self.chain(f"{key}.{name}", given[name]) for name in given if name in self.plant.actuators}
+
+    def chain(self, key: str, given: Mapping[str, Any]) -> agvjax.Chain:
+        """Elements by name, which says of what type one is unless the table does."""
+        parts = {}
+        for name, table in given.items():
+            kind = table.get("type", name) if isinstance(table, Mapping) else name
+            if kind not in ELEMENTS or not isinstance(table, Mapping):
+                rule = f"a table, its name or its type one of {', '.join(ELEMENTS)}"
+                self.wrong(f"{key}.{name}", table, rule)
+                continue
+            rest = {field: value for field, value in table.items() if field != "type"}
+            parts[name] = self.fields(f"{key}.{name}", ELEMENTS[kind](), rest)
+        return agvjax.Chain(**parts)
 
     def mapping(self, key: str, default: dict[str, Any], given: Any) -> Any:
         """A dictionary from a table."""

@@ -14,7 +14,7 @@ from agvjax import plot
 from .analysis import Findings, Standing
 from .ensemble import Distribution
 from .markdown import grid
-from .objective import METRICS, unit
+from .objective import METRICS, OF_DELIVERED, OF_HEADING, metrics_of, unit
 from .optimise import SEQUENTIAL
 from .rounds import COLUMNS, Outcome, Round, Run
 from .worst import statement
@@ -46,7 +46,9 @@ class Verdict(NamedTuple):
 def judge(metrics: agvjax.Metrics) -> Judged:
     """Summary of an ensemble's metrics; the worst index is of a diverged run where there is one."""
     ok = np.asarray(metrics.ok)
-    values = {name: np.asarray(metric(metrics)) for name, metric in METRICS.items()}
+    names = set(METRICS) - (OF_HEADING if metrics.rmse.shape[-1] == 2 else set())
+    names -= OF_DELIVERED if metrics.limited is None else set()
+    values = {name: np.asarray(METRICS[name](metrics)) for name in METRICS if name in names}
     kept = {name: v[ok] for name, v in values.items()}
     none = not ok.any()
     return Judged(
@@ -209,15 +211,19 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     runs = {"starting gains": before, "tuned": after}
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     figure.suptitle(title, fontsize=10)
-    parts = figure.subplot_mosaic([["path", "position"], ["path", "heading"]], width_ratios=[1, 1.4])
+    heading = np.shape(before.command)[-1] == 3
+    rows = [["path", "position"], ["path", "heading"]] if heading else [["path", "position"]]
+    parts = figure.subplot_mosaic(rows, width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs)
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
         error = np.asarray(agvjax.tracking_error(run))
         parts["position"].semilogy(np.asarray(run.t), np.hypot(error[:, 0], error[:, 1]), label=label, **style)
-        parts["heading"].plot(np.asarray(run.t), error[:, 2], label=label, **style)
+        if heading:
+            parts["heading"].plot(np.asarray(run.t), error[:, 2], label=label, **style)
+            parts["heading"].set(ylabel=plot.ERRORS[2])
+        parts[rows[-1][1]].set(xlabel="time [s]")
     parts["position"].set(ylabel="position error [m]", ylim=(1e-4, None))
-    parts["heading"].set(ylabel=plot.ERRORS[2], xlabel="time [s]")
-    for name in ("position", "heading"):
+    for _, name in rows:
         parts[name].grid(alpha=0.3)
     return figure
 
@@ -227,7 +233,9 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     posed, run, p = outcome.posed, outcome.run, outcome.progress
     config, objective, free = posed.config, posed.tuner.objective, posed.tuner.free
     settings, before, after = config.tune, verdict.before, verdict.after
-    shown = tuple(dict.fromkeys([*SHOWN, *objective.names]))
+    own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *sorted(OF_DELIVERED))
+    known = metrics_of(config.scenario.plant)
+    shown = tuple(name for name in dict.fromkeys([*own, *objective.names]) if name in known)
     met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
     places = len({row[1] for row in run.history if row[0] == 0})
     starts = f" from {places} starts" if places > 1 else ""

@@ -12,7 +12,7 @@ import agvjax
 
 from .ensemble import Draw, box
 from .first_order import find_optimizer
-from .objective import METRICS, STATISTICS
+from .objective import STATISTICS, metrics_of
 from .optimise import SEQUENTIAL
 from .settings import EXPORTS, Config, Tune
 from .sweep.design import LAW, SENSITIVITY, design, element_of
@@ -31,6 +31,7 @@ def problems(config: Config, command: str) -> list[agvjax.Problem]:
     if isinstance(config.scenario.heading, agvjax.Bearing) and not hasattr(config.scenario.path, "bearing"):
         rule = "tangent or a raw bearing: this path has no smooth bearing"
         found.append(agvjax.Problem("scenario.heading", "bearing", rule, "reading R8"))
+    found += _computer(config)
     if not found:
         found += _timing(config, "simulate", config.simulate)
     if command == "sweep":
@@ -44,11 +45,31 @@ def problems(config: Config, command: str) -> list[agvjax.Problem]:
     return list({str(problem): problem for problem in found}.values())
 
 
+def _computer(config: Config) -> list[agvjax.Problem]:
+    """A law on a computer of its own that takes the vehicle for another kind."""
+    law, plant, found = config.controller, config.scenario.plant, []
+    if not hasattr(law, "vehicle"):
+        return found
+    if law.vehicle.actuators != plant.actuators:
+        rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
+        found.append(agvjax.Problem("controller.vehicle", type(law.vehicle).__name__, rule))
+    limits = getattr(law.anti_windup, "limits", None)
+    if limits is not None and np.size(limits) != len(law.vehicle.actuators):
+        rule = f"one for each of {', '.join(law.vehicle.actuators)}"
+        found.append(agvjax.Problem("controller.anti_windup.limits", np.asarray(limits).tolist(), rule))
+    if config.simulate.control_every != 1:
+        rule = "1: a sampled law has a period of its own"
+        found.append(agvjax.Problem("simulate.control_every", config.simulate.control_every, rule))
+    return found
+
+
 def _timing(config: Config, label: str, section: Any) -> list[agvjax.Problem]:
     horizon, dt = config.simulate.horizon, section.dt
-    found = agvjax.step_problems(config.controller, dt, horizon, agvjax.INTEGRATORS[section.integrator])
+    method = agvjax.INTEGRATORS[section.integrator]
+    found = agvjax.step_problems(config.controller, dt, horizon, method, config.scenario)
     if found:
-        return [p._replace(key="simulate.horizon" if p.key == "horizon" else f"{label}.dt") for p in found]
+        keys = {"horizon": "simulate.horizon", "dt": f"{label}.dt"}
+        return [p._replace(key=keys.get(p.key, f"scenario.{p.key}")) for p in found]
     count = horizon / dt
     if count > MOST_STEPS:
         return [
@@ -77,7 +98,7 @@ def _names(config: Config) -> list[agvjax.Problem]:
     for name, pair in tune.bounds.items():
         if name not in tune.gains:
             found.append(agvjax.Problem(f"tune.bounds.{name}", list(pair), "of a tuned gain, one of tune.gains"))
-    found += _tied(tune, gains) + _requirements(tune) + _draws(config)
+    found += _tied(tune, gains) + _requirements(config) + _draws(config)
     if tune.search.scouts < tune.search.starts:
         rule = f"at least tune.search.starts, {tune.search.starts}"
         found.append(agvjax.Problem("tune.search.scouts", tune.search.scouts, rule))
@@ -140,15 +161,22 @@ def _tied(tune: Tune, gains: Any) -> list[agvjax.Problem]:
     return found
 
 
-def _requirements(tune: Tune) -> list[agvjax.Problem]:
+def _requirements(config: Config) -> list[agvjax.Problem]:
     """Goals that ask nothing, and limits that nothing can keep."""
-    found = []
+    tune, found = config.tune, []
     if not any(weight != 0 for weights in tune.goals.values() for weight in vars(weights).values()):
         found.append(agvjax.Problem("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
     asked = [*tune.goals.values(), *(limit for limit in tune.limits.values() if np.isfinite(limit.worst))]
     if tune.search.rounds and not any(part.worst for part in asked):
         rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
         found.append(agvjax.Problem("tune.search.rounds", tune.search.rounds, rule))
+    known = metrics_of(config.scenario.plant)
+    for key, names in (("goals", tune.goals), ("limits", tune.limits)):
+        found += [
+            agvjax.Problem(f"tune.{key}.{name}", "asked for", "absent: this plant's heading cannot be commanded")
+            for name in names
+            if name not in known
+        ]
     for name, limit in tune.limits.items():
         bad = {s: getattr(limit, s) for s in STATISTICS if not getattr(limit, s) >= LEAST_LIMIT}
         for statistic, value in bad.items():
@@ -220,10 +248,10 @@ def _swept(config: Config) -> list[agvjax.Problem]:
 
 def _wished(config: Config) -> list[agvjax.Problem]:
     """Names that a sweep asks for and nobody knows."""
-    sweep, found = config.sweep, []
+    sweep, found, metrics = config.sweep, [], metrics_of(config.scenario.plant)
     for key, given, known in (
-        ("metrics", sweep.metrics, tuple(METRICS)),
-        ("fails", tuple(sweep.fails), tuple(METRICS)),
+        ("metrics", sweep.metrics, metrics),
+        ("fails", tuple(sweep.fails), metrics),
         ("export", sweep.export, EXPORTS),
     ):
         found += [

@@ -155,9 +155,9 @@ class Bound:
     absolute: bool = False
 
 
-def default_over() -> tuple[dict[str, Span], ...]:
-    """How far may the position's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
-    slopes = {f"deadzone.position.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
+def default_over(actuator: str = "position") -> tuple[dict[str, Span], ...]:
+    """How far may an actuator's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
+    slopes = {f"deadzone.{actuator}.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
     return slopes, {"disturbance.amplitude": Span(Between(0.0, 2.0), 41)}
 
 

@@ -232,7 +232,7 @@ def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metri
         dt=timing.dt,
         n_steps=steps_of(timing.horizon, timing.dt),
         control_every=timing.control_every,
-        criteria=agvjax.Criteria(smooth=True),
+        criteria=agvjax.Criteria(smooth=True, delivered=True),
         integrator=agvjax.INTEGRATORS[timing.integrator],
     )
     return jax.tree.map(np.asarray, distributed.gathered(evaluate)(as_arrays(controller), batch))

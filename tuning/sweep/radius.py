@@ -15,7 +15,7 @@ import numpy as np
 import agvjax
 
 from ..ensemble import Between, OneOf, box
-from ..objective import METRICS
+from ..objective import METRICS, criteria
 from ..settings import Config, steps_of
 from ..worst import Adversary
 from .design import LAW, Axis, Design, Target
@@ -96,6 +96,7 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
             agvjax.batch(plan.scenario, leaves),
             dt=settings.dt,
             n_steps=steps_of(config.simulate.horizon, settings.dt),
+            criteria=criteria(bounds),
             integrator=agvjax.INTEGRATORS[settings.integrator],
             block=BLOCK,
         )

@@ -14,7 +14,7 @@ import numpy as np
 import agvjax
 
 from .. import config as configuration
-from ..objective import METRICS, unit
+from ..objective import METRICS, criteria, unit
 from ..settings import Config, steps_of
 from . import shards
 from .design import Design, design
@@ -84,6 +84,7 @@ def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list
             batch,
             dt=settings.dt,
             n_steps=steps_of(config.simulate.horizon, settings.dt),
+            criteria=criteria(kept(config)),
             integrator=agvjax.INTEGRATORS[settings.integrator],
         )
         return {"ok": metrics.ok, **{name: METRICS[name](metrics) for name in kept(config)}}
