@@ -12,7 +12,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune sweep reproduce compare bench dev test slow check lint types notebooks format clean
+.PHONY: help tune sweep reproduce compare vehicles bench dev test slow check lint types notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -29,6 +29,9 @@ reproduce: $(VENV)/.installed ## rebuild the paper's tables and figures; results
 
 compare: $(VENV)/.installed ## tune every law to one command budget; results in runs/compare-TIME, or in OUT
 	$(BIN)/agvjax compare $(if $(OUT),--out $(OUT)) $(ARGS)
+
+vehicles: $(VENV)/.installed-vehicles ## unicycle, car and robot with limits, delay and sampling; results in runs/vehicles-TIME, or in OUT
+	$(BIN)/agvjax vehicles $(if $(OUT),--out $(OUT)) $(ARGS)
 
 bench: $(VENV)/.installed-bench ## measure speed, memory, accuracy beside every peer (half an hour); one part: ARGS=rollout
 	$(BIN)/python -m benchmarks $(ARGS)
@@ -75,6 +78,10 @@ $(VENV)/.installed: $(VENV)/.made $(SOURCES)
 
 $(VENV)/.installed-dev: $(VENV)/.made $(SOURCES)
 	$(PIP) install '.[dev]'
+	@touch $(VENV)/.installed $@
+
+$(VENV)/.installed-vehicles: $(VENV)/.made $(SOURCES)
+	$(PIP) install '.[vehicles]'
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-bench: $(VENV)/.made $(SOURCES)

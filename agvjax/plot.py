@@ -1,8 +1,8 @@
-"""Figures of trajectories. The only module that imports matplotlib; it makes figures and shows none."""
+"""Figures of trajectories. With `animate` the only modules that import matplotlib; they make figures and show none."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,13 +43,31 @@ def draw_path(axes: Any, runs: Runs) -> None:
 
 
 def errors(runs: Runs) -> Figure:
-    """The three errors in time."""
+    """The errors in time."""
     return _rows(runs, lambda run: np.asarray(tracking_error(run)), ERRORS, "symlog", 1e-2)
 
 
 def commands(runs: Runs) -> Figure:
-    """The three commands in time, before the actuators."""
+    """The commands in time, before the actuators."""
     return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
+
+
+def inputs(run: Any, names: Sequence[str]) -> Figure:
+    """What each actuator was asked for and what it delivered; grey where something was at its limit."""
+    figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")
+    rows = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
+    t, limited = np.asarray(run.t), np.asarray(run.limited)
+    for i, (axes, name) in enumerate(zip(rows, names, strict=True)):
+        asked, delivered = np.asarray(run.inputs)[:, i], np.asarray(run.delivered)[:, i]
+        axes.plot(t, asked, color="0.6", lw=0.8, ls="--", label="asked")
+        axes.plot(t, delivered, color="tab:blue", lw=1.2, label="delivered")
+        axes.fill_between(t, 0, 1, where=limited, transform=axes.get_xaxis_transform(), color="0.9", lw=0)
+        room = 1.3 * max(float(np.max(np.abs(delivered))), 1e-9)
+        axes.set(ylabel=name.replace("_", " "), ylim=(-room, room))
+        axes.grid(alpha=0.3)
+    rows[0].legend(fontsize=8, ncols=2)
+    rows[-1].set(xlabel="time [s]")
+    return figure
 
 
 def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
@@ -57,9 +75,10 @@ def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
 
 
 def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
-    figure = Figure(figsize=(7.5, 6), layout="constrained")
-    rows = figure.subplots(3, 1, sharex=True)
-    for channel, (axes, label) in enumerate(zip(rows, labels, strict=True)):
+    channels = values(next(iter(runs.values()))).shape[1]  # two where the heading is not commanded
+    figure = Figure(figsize=(7.5, 2 * channels), layout="constrained")
+    rows = figure.subplots(channels, 1, sharex=True)
+    for channel, (axes, label) in enumerate(zip(rows, labels, strict=False)):
         for (name, run), style in zip(runs.items(), _styles(runs), strict=False):
             axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)
         axes.set_yscale(scale, linthresh=linear)

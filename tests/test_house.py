@@ -19,6 +19,7 @@ FLOORS = [
     {"loop", "simulate"},
     {"metrics", "evaluate", "lyapunov", "bounds"},
     {"check", "plot"},
+    {"animate"},
     {"__init__"},
     {"tuning"},
 ]

@@ -11,7 +11,7 @@ from typing import Any
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare`."""
+    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare | vehicles`."""
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     simulate = commands.add_parser(
         "simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures"
     )
+    simulate.add_argument("--animate", action="store_true", help="draw the run as a moving picture, animation.gif")
     simulate.add_argument("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller")
     simulate.add_argument("--index", type=int, metavar="N", help="which vehicle of the sweep")
     simulate.add_argument("--controller", metavar="NAME", help="which controller of the sweep (default: its first)")
@@ -52,6 +53,9 @@ def parser() -> argparse.ArgumentParser:
     reproduce.add_argument("--pdf", action="store_true", help="write every figure as PDF too")
     commands.add_parser(
         "compare", parents=[common], help="tune every law to the same command budget and judge it on unseen scenarios"
+    )
+    commands.add_parser(
+        "vehicles", parents=[common], help="unicycle, car and robot with limits, delay and sampling; tuned and judged"
     )
     return top
 

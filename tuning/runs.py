@@ -7,7 +7,7 @@ import io
 import json
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,15 @@ def write_figure(path: Path, figure: Any) -> None:
     """A matplotlib figure, as PNG or PDF by the name of the file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=path.suffix[1:], dpi=130)
+    write(path, buffer.getvalue())
+
+
+def write_gif(path: Path, animation: Any, tick: Callable[[], Any] | None = None) -> None:
+    """An animation as GIF; `tick` is called every frame."""
+    from agvjax.animate import write_gif  # late: it draws
+
+    buffer = io.BytesIO()
+    write_gif(animation, buffer, tick)
     write(path, buffer.getvalue())
 
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from tqdm import tqdm
 
 import agvjax
 from agvjax import InputError, Problem, plot
 
 from .. import config as configuration
 from .. import runs
+from ..markdown import grid
 from ..settings import Config
 from ..sweep import results, shards
 from ..sweep.design import scene
@@ -29,14 +32,16 @@ def run(arguments: argparse.Namespace) -> int:
     out = new_folder(arguments)
     warn(arguments, config, "simulate")
     trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
-    metrics = agvjax.measure(trajectory)
-    fields = ("t", "position", "velocity", "heading", "reference_position", "reference_heading", "command", "delivered")
+    metrics = agvjax.measure(trajectory, agvjax.Criteria(delivered=True))
+    names = config.scenario.plant.actuators
+    fields = ("t", "position", "velocity", "heading", "reference_position", "reference_heading")
+    fields += ("command", "inputs", "delivered", "limited")
     arrays = {name: getattr(trajectory, name) for name in fields}
     if trajectory.weight_norm is not None:
         arrays["weight_norm"] = trajectory.weight_norm
     runs.write(out / "config.toml", configuration.dump(config))
     runs.write_npz(out / "trajectory.npz", arrays)
-    runs.write_json(out / "metrics.json", _spoken(metrics))
+    runs.write_json(out / "metrics.json", _spoken(metrics, names))
     drawn = {"run": trajectory}
     for name, figure in (
         ("path", plot.path(drawn)),
@@ -44,7 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
         ("commands", plot.commands(drawn)),
     ):
         runs.write_figure(out / f"{name}.png", figure)
-    say(arguments, _metrics_table(metrics), f"written to {out}")
+    if "position" not in names:  # where they are not the commands themselves
+        runs.write_figure(out / "inputs.png", plot.inputs(trajectory, names))
+    if arguments.animate:
+        _animate(arguments, out, drawn)
+    say(arguments, _metrics_table(metrics, names), _delivered_table(metrics, names), f"written to {out}")
     if not trajectory.ok:
         raise RunFailed(
             f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
@@ -79,27 +88,49 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 
 
-def _spoken(metrics: agvjax.Metrics) -> dict[str, Any]:
+def _animate(arguments: argparse.Namespace, out: Path, drawn: dict[str, Any]) -> None:
+    from agvjax import animate  # late: few ask for it
+
+    moving = animate.animation(drawn)
+    with tqdm(total=moving.frames, disable=arguments.quiet, unit="frame") as bar:
+        runs.write_gif(out / "animation.gif", moving, bar.update)
+
+
+def _spoken(metrics: agvjax.Metrics, actuators: Sequence[str]) -> dict[str, Any]:
     """Metrics for `metrics.json`: a channel that has not settled says so and gives no number."""
     spoken: dict[str, Any] = {"ok": bool(metrics.ok)}
     for field in dataclasses.fields(metrics):
-        if field.name in ("ok", "settled", "settling_smooth"):
+        if field.name in ("ok", "settled", "settling_smooth", "limited"):
             continue
         values = np.asarray(getattr(metrics, field.name)).tolist()
         if field.name == "settling_time":
             values = [
                 v if s else "not settled" for v, s in zip(values, np.asarray(metrics.settled).tolist(), strict=True)
             ]
-        spoken[field.name] = dict(zip(plot.CHANNELS, values, strict=True))
-    names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
-    return spoken | {name: float(getattr(metrics, name)) for name in names}
+        places = _each(actuators, len(values)) if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
+        spoken[field.name] = dict(zip(places, values, strict=True))
+    names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "limited")
+    heading = np.size(metrics.rmse) == 3
+    return spoken | {n: float(getattr(metrics, n)) for n in names if heading or n != "peak_heading"}
 
 
-def _metrics_table(metrics: agvjax.Metrics) -> str:
-    spoken = _spoken(metrics)
-    rows = ["| metric | x | y | heading |", "|---|---|---|---|"]
+def _each(actuators: Sequence[str], count: int) -> list[str]:
+    """A name for each number that the actuators deliver: the position's of the decoupled plant are two."""
+    return list(actuators) if len(actuators) == count else ["position_x", "position_y", *actuators[1:]]
+
+
+def _metrics_table(metrics: agvjax.Metrics, actuators: Sequence[str]) -> str:
+    channels = plot.CHANNELS[: np.size(metrics.rmse)]
+    spoken = _spoken(metrics, actuators)
+    rows = []
     for name, values in spoken.items():
-        if isinstance(values, dict):
-            cells = [v if isinstance(v, str) else f"{v:.5g}" for v in values.values()]
-            rows.append(f"| {name} | {' | '.join(cells)} |")
-    return "\n".join(rows)
+        if isinstance(values, dict) and not name.endswith("_delivered"):
+            rows.append([name, *(v if isinstance(v, str) else f"{v:.5g}" for v in values.values())])
+    return grid(["metric", *channels], rows)
+
+
+def _delivered_table(metrics: agvjax.Metrics, actuators: Sequence[str]) -> str:
+    parts = {name: np.asarray(getattr(metrics, f"{name}_delivered")) for name in ("rms", "peak", "variation")}
+    columns = _each(actuators, parts["rms"].size)
+    table = grid(["delivered", *columns], [[name, *(f"{v:.5g}" for v in value)] for name, value in parts.items()])
+    return f"\n{table}\nat a limit {float(metrics.limited):.1%} of the time" if metrics.limited else f"\n{table}"

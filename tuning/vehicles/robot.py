@@ -17,7 +17,7 @@ def _engine() -> Any:
     try:
         import mujoco  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise ImportError("the robot needs MuJoCo: pip install 'agvjax[mujoco]'") from error
+        raise ImportError("the robot needs MuJoCo: pip install 'agvjax[vehicles]'") from error
     return mujoco
 
 

@@ -188,7 +188,7 @@ def unseen_paths() -> dict[str, Any]:
     return {
         "circle": agvjax.Circle(radius=1.0, omega=0.6),
         "lemniscate": agvjax.Lemniscate(amplitude=1.2, omega=0.5),
-        "spline": agvjax.Waypoints.through(corners, speed=0.6, closed=True),
+        "spline": agvjax.Waypoints.through(corners, speed=0.5, closed=True),
     }
 
 
