@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, gradient, rollout, startup, sweep, tuning
+from . import accuracy, figure, gradient, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -24,6 +24,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "startup": startup.measure,
     "accuracy": lambda turns: _alone(accuracy.measure),
     "tuning": tuning.measure,
+    "sampled": sampled.measure,
     "sweep": sweep.measure,
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel")

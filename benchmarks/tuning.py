@@ -44,7 +44,9 @@ class Recorder:
             raise Spent
 
 
-def contest(method: str, seed: int, budget: int, settings: tuple[str, ...] = ()) -> dict[str, Any]:
+def contest(
+    method: str, seed: int, budget: int, settings: tuple[str, ...] = (), files: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """One method from one start."""
     import agvjax
 
@@ -56,7 +58,7 @@ def contest(method: str, seed: int, budget: int, settings: tuple[str, ...] = ())
     from tuning.problem import pose
 
     optimizer = f"tune.optimizer={method if method in OURS else 'sqp'}"
-    tuner = pose(configuration.load([], [optimizer, *settings])).tuner
+    tuner = pose(configuration.load(list(files), [optimizer, *settings])).tuner
     middle = tuner.free.coordinates(tuner.controller)
     shift = np.random.default_rng(seed).uniform(-SPREAD, SPREAD, middle.size) if seed else np.zeros(middle.size)
     start = np.asarray(middle) + shift

@@ -57,7 +57,8 @@ class Box(NamedTuple):
 
     def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Any]:
         """Leaves of B scenarios."""
-        flat = jnp.asarray(self.low, shares.dtype) + shares * jnp.asarray(self.high - self.low, shares.dtype)
+        low, width = (jnp.asarray(x, shares.dtype)[None] for x in (self.low, self.high - self.low))
+        flat = low + shares * width
         cuts = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
         parts = jnp.split(flat, cuts, axis=1)
         return {n: x.reshape(-1, *shape) for n, x, shape in zip(self.names, parts, self.shapes, strict=True)}
