@@ -65,6 +65,8 @@ from .disturbance import Step as Step
 from .evaluate import Batch as Batch
 from .evaluate import batch as batch
 from .evaluate import evaluate as evaluate
+from .feasible import demands as demands
+from .feasible import path_problems as path_problems
 from .integrate import EULER as EULER
 from .integrate import HEUN as HEUN
 from .integrate import INTEGRATORS as INTEGRATORS

@@ -1,4 +1,4 @@
-"""Moving pictures of trajectories, as GIF. Beside `plot.py` the only module that imports matplotlib; it shows nothing."""
+"""Moving pictures of trajectories, as GIF. With `plot` the only modules that import matplotlib; it shows nothing."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Animation:
     def set(self, k: int) -> None:
         """Move everything to where it is at frame k."""
         i = k * self.fine
-        self.time.set_text(f"{self.t[k]:.2f} s")
+        self.time.set_text(f"t = {self.t[k]:.2f} s")
         self.target.set_data(*next(iter(self.tracks.values())).reference_position[i, :, None])
         for label, track in self.tracks.items():
             self.traces[label].set_data(*track.position[: i + 1].T)
@@ -99,8 +99,10 @@ class Animation:
         self.traces, self.vehicles, self.distances = {}, {}, {}
         for row, (label, colour) in enumerate(zip(self.tracks, colours, strict=False)):
             self._moving_parts(label, colour, 1 + ROW * (rows - row - 0.35) / (all_ * self._share()))
-        self.time = self._text(0.99, 1 + ROW * (rows + 0.65) / (all_ * self._share()), ha="right", animated=True)
-        self._moving = [*self.traces.values(), self.target, *self.vehicles.values(), *self.distances.values()]
+        first_row = 1 + ROW * (rows + 0.65) / (all_ * self._share())
+        self.time = self._text(0.01, first_row, weight="bold", animated=True)
+        self._text(0.99, first_row, "distance to the reference", ha="right", color="0.4")
+        self._moving = [*self.traces.values(), *self.vehicles.values(), self.target, *self.distances.values()]
         self._moving.append(self.time)
         self._still = None
         self.set(0)
@@ -110,9 +112,10 @@ class Animation:
         return self.axes.get_position().height
 
     def _still_parts(self) -> None:
-        self.axes.plot(*self.path.T, color="0.8", lw=4, solid_capstyle="round", zorder=1)
-        (self.target,) = self.axes.plot([], [], "o", color="k", ms=6, mfc="w", mew=1.5, zorder=3, animated=True)
+        self.axes.plot(*self.path.T, color="0.88", lw=5, solid_capstyle="round", zorder=1)
+        (self.target,) = self.axes.plot([], [], "o", color="k", ms=5, mfc="w", mew=1.3, zorder=5, animated=True)
         self.axes.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal")
+        self.axes.locator_params(nbins=5)
         self.axes.tick_params(labelsize=8, color="0.6", labelcolor="0.3")
         self.axes.set_xlabel("x [m]", fontsize=8, color="0.3", labelpad=1)
         self.axes.set_ylabel("y [m]", fontsize=8, color="0.3", labelpad=1)
@@ -146,8 +149,8 @@ def animation(
     """Runs side by side, each a vehicle that leaves a trace; its distance to the reference point stands above.
 
     Args:
-        runs: label -> trajectory, or anything with `t`, `position`, `heading` and `reference_position`. Each may have its
-            own sampling; one that ends early stands still. The path and the point on it are those of the first.
+        runs: label -> trajectory, or anything with `t`, `position`, `heading` and `reference_position`. Each may have
+            its own sampling; one that ends early stands still. The path and the point on it are those of the first.
         seconds: how much of the runs to show [s]; None: until the last has ended.
         frames_per_second: of the picture, at most 50, which is as fast as GIFs are played.
         speed: seconds of the run per second of the picture.
@@ -217,7 +220,7 @@ def _view(path: np.ndarray, tracks: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _outside(position: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return ((position < low) | (position > high)).any(-1)
+    return np.any((position < low) | (position > high), axis=-1)
 
 
 def _outline(position: np.ndarray, heading: float, length: float) -> np.ndarray:

@@ -101,7 +101,7 @@ def _element_problems(key: str, part: Any, dt: float, between: float, integrator
         if part.slots < slots:
             rule = f"at least {slots}, to remember every change of its input, one each {between:g} s"
             return [Problem(f"{key}.slots", part.slots, rule)]
-    if hasattr(part, "poles"):
+    elif hasattr(part, "poles"):
         limit = integrator.stable_step(np.array(part.poles()))
         if dt > limit:
             return [Problem("dt", dt, f"at most {limit:.3g} s: beyond, {integrator.name} makes {key} diverge")]

@@ -257,7 +257,7 @@ def compensation(controller: Any, scenario: Any, trajectory: Any) -> tuple[Array
         ref = reference(scenario.path, scenario.heading, t)
 
         def command(xi1: Array) -> Array:
-            return as_vector(controller.law(dataclasses.replace(s, xi1=xi1), (), seen, ref)[0])
+            return as_vector(controller.law(dataclasses.replace(s, xi1=xi1), (), seen, ref)[0], heading=True)
 
         return jax.jacfwd(command)(s.xi1)
 

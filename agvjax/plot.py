@@ -55,13 +55,14 @@ def commands(runs: Runs) -> Figure:
 def inputs(run: Any, names: Sequence[str]) -> Figure:
     """What each actuator was asked for and what it delivered; grey where something was at its limit."""
     figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")
-    rows = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
-    t, limited = np.asarray(run.t), np.asarray(run.limited)
+    rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    t, limited = np.asarray(run.t), np.asarray(run.limited, float)
     for i, (axes, name) in enumerate(zip(rows, names, strict=True)):
         asked, delivered = np.asarray(run.inputs)[:, i], np.asarray(run.delivered)[:, i]
         axes.plot(t, asked, color="0.6", lw=0.8, ls="--", label="asked")
         axes.plot(t, delivered, color="tab:blue", lw=1.2, label="delivered")
-        axes.fill_between(t, 0, 1, where=limited, transform=axes.get_xaxis_transform(), color="0.9", lw=0)
+        held = np.repeat(t, 2)[1:], np.repeat(limited, 2)[:-1]  # from each sample to the next
+        axes.fill_between(held[0], 0, held[1], transform=axes.get_xaxis_transform(), color="0.9", lw=0)
         room = 1.3 * max(float(np.max(np.abs(delivered))), 1e-9)
         axes.set(ylabel=name.replace("_", " "), ylim=(-room, room))
         axes.grid(alpha=0.3)
@@ -77,7 +78,7 @@ def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
 def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
     channels = values(next(iter(runs.values()))).shape[1]  # two where the heading is not commanded
     figure = Figure(figsize=(7.5, 2 * channels), layout="constrained")
-    rows = figure.subplots(channels, 1, sharex=True)
+    rows = figure.subplots(channels, 1, sharex=True, squeeze=False)[:, 0]
     for channel, (axes, label) in enumerate(zip(rows, labels, strict=False)):
         for (name, run), style in zip(runs.items(), _styles(runs), strict=False):
             axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)

@@ -111,10 +111,11 @@ def tuned(tmp_path_factory):
 def test_simulate_writes_the_samples_it_promises(simulated):
     samples = 100 // 4 + 1
     shapes = {"t": (), "heading": (), "reference_heading": (), "command": (3,), "delivered": (3,), "weight_norm": (2,)}
-    shapes |= {"position": (2,), "velocity": (2,), "reference_position": (2,)}
+    shapes |= {"position": (2,), "velocity": (2,), "reference_position": (2,), "inputs": (3,), "limited": ()}
     with np.load(simulated[0] / "trajectory.npz", allow_pickle=False) as file:
         arrays = dict(file)
     assert {name: a.shape for name, a in arrays.items()} == {name: (samples, *s) for name, s in shapes.items()}
+    assert not arrays.pop("limited").any()
     assert all(a.dtype == np.float64 and np.all(np.isfinite(a)) for a in arrays.values())
     np.testing.assert_allclose(arrays["t"], np.arange(samples) * 0.04, atol=1e-12)
     np.testing.assert_array_equal(arrays["position"][0], [-0.5, 0.5])  # section 4

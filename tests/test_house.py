@@ -18,7 +18,7 @@ FLOORS = [
     {"scenario"},
     {"loop", "simulate"},
     {"metrics", "evaluate", "lyapunov", "bounds"},
-    {"check", "plot"},
+    {"check", "feasible", "plot"},
     {"animate"},
     {"__init__"},
     {"tuning"},

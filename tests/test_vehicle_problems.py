@@ -46,11 +46,11 @@ def test_defaults_follow_the_plant():
 
 
 def test_the_computer_takes_the_vehicle_for_the_configured_one_unless_told():
-    config = configuration.resolve({"controller": {"type": "sampled"}, "scenario": {"plant": {"type": "unicycle", "L": 0.7}}})
+    longer = {"plant": {"type": "unicycle", "L": 0.7}}
+    config = configuration.resolve({"controller": {"type": "sampled"}, "scenario": longer})
     assert config.controller.vehicle.L == 0.7
-    config = configuration.resolve(
-        {"controller": {"type": "sampled", "vehicle": {"type": "unicycle", "L": 0.6}}, "scenario": {"plant": "unicycle"}}
-    )
+    believed = {"type": "sampled", "vehicle": {"type": "unicycle", "L": 0.6}}
+    config = configuration.resolve({"controller": believed, "scenario": {"plant": "unicycle"}})
     assert (config.controller.vehicle.L, config.scenario.plant.L) == (0.6, 0.5)
 
 
@@ -73,7 +73,10 @@ WRONG = [
     ({"scenario": {"plant": "unicycle"}, "tune": {"limits": {"peak_heading": 1.0}}}, "tune.limits.peak_heading"),
     ({"scenario": {"plant": "unicycle"}, "tune": {"goals": {"rmse_heading": 1.0}}}, "tune.goals.rmse_heading"),
     ({"scenario": {"plant": "unicycle", "deadzone": {"heading": {"slope_left": 1}}}}, "scenario.deadzone.heading"),
-    ({"scenario": {"plant": "unicycle"}, "controller": {"type": "sampled", "vehicle": "decoupled"}}, "controller.vehicle"),
+    (
+        {"scenario": {"plant": "unicycle"}, "controller": {"type": "sampled", "vehicle": "decoupled"}},
+        "controller.vehicle",
+    ),
     ({"scenario": {"plant": "unicycle"}, "controller": {"type": "sampled", "period": 0.0175}}, "dt"),
     ({"controller": {"type": "sampled", "period": -1}}, "controller.period"),
     ({"controller": {"type": "sampled"}, "simulate": {"control_every": 2}}, "simulate.control_every"),
@@ -221,3 +224,20 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
         assert after["late_without_noise"] <= 0.01
     with Image.open(out / "robot.gif") as moving:
         assert moving.n_frames > 100
+
+
+def test_a_lap_of_the_car_replayed_in_commonroads_own_model():
+    pytest.importorskip("vehiclemodels")
+    from tuning.vehicles.worlds import CommonRoadWorld
+
+    config = configuration.load(["car"], ["scenario.disturbance=none"], "simulate")
+    start = config.scenario.start
+    run = agvjax.simulate(config.controller, config.scenario, dt=0.01, n_steps=6280)
+    assert run.ok
+    world, places = CommonRoadWorld(step=0.01), []
+    world.reset(start.position, start.velocity, float(start.heading))
+    for acceleration, steering_rate in np.asarray(run.delivered):
+        places.append(np.asarray(world.measure().position))
+        world.apply({"acceleration": acceleration, "steering_rate": steering_rate}, 0.01)
+    assert np.ptp(np.asarray(run.position), axis=0).min() > 70  # a whole lap
+    np.testing.assert_allclose(places, run.position, atol=1e-6)

@@ -24,9 +24,9 @@ def html(text: str, folder: Path, title: str) -> str:
 
     def inside(match: Any) -> str:
         picture = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
-        return f'src="data:image/png;base64,{picture}"'
+        return f'src="data:image/{match.group(2)};base64,{picture}"'
 
-    body = re.sub(r'src="([\w.]+\.png)"', inside, body)
+    body = re.sub(r'src="([\w.]+\.(png|gif))"', inside, body)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head>
 <body>

@@ -50,9 +50,9 @@ METRICS: dict[str, Callable[[agvjax.Metrics], Array]] = {
     **{f"peak_{axis}": lambda m, i=i: m.peak_command[..., i] for i, axis in enumerate(AXES[:2])},
     **_by_axis("chatter", lambda m: m.chatter),
     "delivered_effort": lambda m: m.delivered_effort,
-    "delivered_peak": lambda m: jnp.max(m.peak_delivered, -1),
-    "delivered_variation": lambda m: jnp.sum(m.variation_delivered, -1),
-    "limited": lambda m: m.limited,
+    "delivered_peak": lambda m: jnp.max(jnp.asarray(m.peak_delivered), -1),
+    "delivered_variation": lambda m: jnp.sum(jnp.asarray(m.variation_delivered), -1),
+    "limited": lambda m: jnp.asarray(m.limited),
 }
 OF_HEADING = frozenset(name for name in METRICS if name.endswith("_heading"))
 OF_DELIVERED = frozenset(("delivered_effort", "delivered_peak", "delivered_variation", "limited"))

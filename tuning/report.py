@@ -212,7 +212,7 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     figure.suptitle(title, fontsize=10)
     heading = np.shape(before.command)[-1] == 3
-    rows = [["path", "position"], ["path", "heading"]] if heading else [["path", "position"]]
+    rows: list[Any] = [["path", "position"], ["path", "heading"]] if heading else [["path", "position"]]
     parts = figure.subplot_mosaic(rows, width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs)
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
@@ -273,7 +273,7 @@ deadzone slopes that the ensemble can draw, times the margin asked for; they hol
 
 {met} rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), effort the same of the commands before the deadzone; mean and worst
 are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
-
+{_path(config)}
 ## What each requirement hangs on
 
 {standings(verdict.findings)}
@@ -305,6 +305,13 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ![worst](worst.png)
 """
+
+
+def _path(config: Any) -> str:
+    """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
+    found = agvjax.path_problems(config.scenario, config.simulate.horizon)
+    reasons = "\n".join(f"* {reason}" for reason in found)
+    return f"\n## The path\n\nWhatever the gains, it cannot be followed exactly:\n\n{reasons}\n" if found else ""
 
 
 def _known(outcome: Outcome) -> list[str]:

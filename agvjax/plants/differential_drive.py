@@ -87,7 +87,7 @@ class DifferentialDrive(Rolling):
         one = Deadzone(slope_right=0.6, slope_left=0.8, threshold_right=least, threshold_left=0.8 * least)
         return dict.fromkeys(self.actuators, one)
 
-    def wheel_speeds(self, speed: Array, yaw_rate: Array) -> tuple[Array, Array]:
+    def wheel_speeds(self, speed: Any, yaw_rate: Any) -> tuple[Any, Any]:
         """Left and right [rad/s]."""
         half = yaw_rate * self.track / 2
         return (speed - half) / self.wheel_radius, (speed + half) / self.wheel_radius

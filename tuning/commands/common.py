@@ -97,11 +97,13 @@ def unasked(config: Config) -> None:
 
 
 def warn(arguments: argparse.Namespace, config: Config, *sections: str) -> None:
-    """Say of a step that is allowed and not advisable."""
+    """Say of a step that is allowed and not advisable, and of a path that the vehicle cannot follow."""
     for name in sections:
         section = getattr(config, name)
         for note in agvjax.step_warnings(config.controller, section.dt, agvjax.INTEGRATORS[section.integrator]):
             say(arguments, f"note: {name}.{note}")
+    for note in agvjax.path_problems(config.scenario, config.simulate.horizon):
+        say(arguments, f"note: the path cannot be followed exactly: {note}")
 
 
 def say(arguments: argparse.Namespace, *lines: str) -> None:

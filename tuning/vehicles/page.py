@@ -17,7 +17,7 @@ from ..markdown import grid, html
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
 
 MEASURED = ("largest after 4 s [mm]", "RMSE [m]", "settles [s]")
-SHOWN = "lemniscate"  # of the robot's paths the one that is animated
+SHOWN = "circle"  # of the robot's paths the one that is animated
 
 
 def write(study: Study, out: Path) -> str:
@@ -55,18 +55,18 @@ def findings(study: Study) -> dict[str, Any]:
 def page(study: Study) -> str:
     """`report.md`."""
     missing = "".join(f"\nNot run: {text}.\n" for text in study.without)
-    robot = f"{_robot(study)}\n\n![robot](robot.png)" if study.robot else "Not run."
+    peak = study.peaks["acceleration"]
+    robot = f"{_robot(study)}\n\n![robot](robot.png)\n\n![animation](robot.gif)" if study.robot else "Not run."
     return f"""# What is left of the controller on vehicles one can meet
 {missing}
 ## A vehicle that rolls, the paper's gains
 
 {_paper(study)}
 
-The first command asks for {study.peaks["virtual"]:.0f} m/s^2 in the plane, in the body for
-{study.peaks["acceleration"]:.0f} m/s^2 and {study.peaks["yaw_acceleration"]:.0f} rad/s^2: {study.peaks["acceleration"] / G:.0f} g,
-beyond any vehicle. With 20 ms of delay {study.lost} of {study.starts} starts within 0.5 m are lost. The heading is internal: it
-follows from how the reference point moves and is not scored against the bearing. delta_psi adds to its rate, as a drift that
-turns body and velocity.
+The first command asks for {study.peaks["virtual"]:.0f} m/s^2 in the plane, in the body for {peak:.0f} m/s^2 and
+{study.peaks["yaw_acceleration"]:.0f} rad/s^2: {peak / G:.0f} g, beyond any vehicle. With 20 ms of delay {study.lost} of {study.starts} starts within 0.5 m are lost. The heading is
+internal: it follows from how the reference point moves and is not scored against the bearing. delta_psi adds to its
+rate, as a drift that turns body and velocity.
 
 ![errors](paper.png)
 
@@ -74,8 +74,8 @@ turns body and velocity.
 
 {_limited(study)}
 
-Anti-windup bounds the correction asked of the virtual control, takes back from the command filter what could not be applied,
-and stops the integral meanwhile.
+Anti-windup bounds the correction asked of the virtual control, takes back from the command filter what could not be
+applied, and stops the integral meanwhile.
 
 ![errors](limits.png)
 
@@ -83,9 +83,9 @@ and stops the integral meanwhile.
 
 {_car(study)}
 
-Largest distance of the front axle after {CAR_LATE:g} s, over {CAR_STARTS} starts within 0.5 m with deadzones drawn within 30 %
-that the tuning did not see. Centre of gravity and rear axle cut the corner: that is how far they are off the path. "Limited" is
-the largest share of a run in which an actuator or the law itself was at its limit.
+Largest distance of the front axle after {CAR_LATE:g} s, over {CAR_STARTS} starts within 0.5 m with deadzones drawn
+within 30 % that the tuning did not see. Centre of gravity and rear axle cut the corner: that is how far they are off
+the path. "Limited" is the largest share of a run in which an actuator or the law itself was at its limit.
 
 ![car](car.png)
 
@@ -93,8 +93,8 @@ the largest share of a run in which an actuator or the law itself was at its lim
 
 {robot}
 
-With measurement noise of 2 mm and 4 mm/s, 50 Hz, 20 ms late; RMSE, torque and its variation over 12 s on paths that were not
-tuned on. "Paper's gains" have the anti-windup of the tuned ones; "as it is" is the sampled law without.
+With measurement noise of 2 mm and 4 mm/s, 50 Hz, 20 ms late; RMSE, torque and its variation over 12 s on paths that
+were not tuned on. "Paper's gains" have the anti-windup of the tuned ones; "as it is" is the sampled law without.
 """
 
 
@@ -128,7 +128,8 @@ def _robot(study: Study) -> str:
     header = ["path", "law", "RMSE [m]", f"largest after {LATE:g} s [mm]", "without noise [mm]", "rms torque [Nm]"]
     rows = []
     for r in study.robot:
-        cells = [r["path"], r["law"], f"{r['rmse']:.3f}", f"{1e3 * r['late']:.0f}", f"{1e3 * r['late_without_noise']:.0f}"]
+        cells = [r["path"], r["law"], f"{r['rmse']:.3f}"]
+        cells += [f"{1e3 * r['late']:.0f}", f"{1e3 * r['late_without_noise']:.0f}"]
         rows.append([*cells, f"{r['rms_torque']:.2f}", f"{r['variation']:.0f}"])
     return grid([*header, "torque variation [Nm]"], rows)
 
@@ -165,8 +166,11 @@ def _paths(drawn: Mapping[str, Any]) -> Figure:
 def _robots(study: Study) -> Figure:
     paths = list(dict.fromkeys(row["path"] for row in study.robot))
     figure = Figure(figsize=(9, 3.4), layout="constrained")
-    for axes, path in zip(figure.subplots(1, len(paths)), paths, strict=True):
+    places = figure.subplots(1, len(paths))
+    for axes, path in zip(places, paths, strict=True):
         drawn = {name: study.runs["robot"][path, name] for name in ("paper's gains", "tuned gains")}
         plot.draw_path(axes, drawn)
+        axes.get_legend().remove()
         axes.set_title(path, fontsize=9)
+    figure.legend(*places[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     return figure

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -116,7 +117,7 @@ def limited(config: Config) -> dict[str, Any]:
     }
     found, runs = {}, {}
     for name, law in laws.items():
-        for where, start in (("paper's start", Start()), ("3 m off", Start(position=np.array(FAR)))):
+        for where, start in (("paper's start", Start()), ("3 m off", Start(position=jnp.array(FAR)))):
             runs[f"{name}, {where}"] = run = agvjax.simulate(law, dataclasses.replace(config.scenario, start=start))
             found[f"{name}, {where}"] = of_run(run)
     unseen = sample(config.scenario, config.ensemble.draws, 64, config.seed + 1)
@@ -207,7 +208,7 @@ def robot(config: Config) -> dict[str, Any]:
         return {"robot": rows, "tuned": (config.controller, after), "runs": drawn, "without": [str(error)]}
     for path_name, path in unseen_paths().items():
         origin = np.asarray(path(np.float64(0.0)))
-        start = Start(position=origin + np.array([-0.3, 0.3]), velocity=np.zeros(2), heading=0.5)
+        start = Start(position=jnp.asarray(origin + [-0.3, 0.3]), velocity=jnp.zeros(2), heading=0.5)
         scene = dataclasses.replace(config.scenario, path=path, heading=agvjax.Tangent(), start=start)
         quiet = dataclasses.replace(scene, sensor=None)
         for law_name, law in laws.items():

@@ -50,9 +50,7 @@ class CommonRoadWorld:
             model = importlib.import_module("vehiclemodels.vehicle_dynamics_st")
             parameters = importlib.import_module(f"vehiclemodels.parameters_vehicle{vehicle}")
         except ImportError as error:
-            raise ImportError(
-                "the car needs CommonRoad's models: pip install 'agvjax[vehicles]'"
-            ) from error
+            raise ImportError("the car needs CommonRoad's models: pip install 'agvjax[vehicles]'") from error
         self._rate = model.vehicle_dynamics_st
         self.parameters = getattr(parameters, f"parameters_vehicle{vehicle}")()
         self.step, self.state = step, np.zeros(7)
@@ -61,9 +59,7 @@ class CommonRoadWorld:
         """Its front axle there, its rear axle not slipping."""
         start = agvjax.Start(position=position, velocity=velocity, heading=heading)
         s = agvjax.SingleTrack().start(start)
-        self.state = np.array(
-            [*s.position, s.steering_angle, s.speed, s.heading, s.yaw_rate, s.slip_angle], float
-        )
+        self.state = np.array([*s.position, s.steering_angle, s.speed, s.heading, s.yaw_rate, s.slip_angle], float)
 
     def measure(self) -> agvjax.Measurement:
         """What is true of its front axle."""

@@ -1,0 +1,286 @@
+"""Can the vehicle follow the path at all? Asked on the host, before a run, of the scenario's nominal numbers.
+
+A body that rolls without slip and holds its reference point, `plant.L` ahead of the axle, on the path exactly has one
+free number, its heading. At the path's velocity (x_d', y_d') that turns by eqs. (1), (2):
+
+    psi' = (-x_d' sin psi + y_d' cos psi) / L,    v = x_d' cos psi + y_d' sin psi,    w = psi'.
+
+With the path's acceleration along and across the body, (u_l, u_t), it takes a = v' = u_l + L w^2 and
+alpha = w' = (u_t - v w) / L. Disturbances, slopes of the road and, of a car, the slip of its tyres are left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .actuators import Backlash, Chain, Delay, Lag, Quantisation, RateLimit, Saturation
+from .deadzone import Deadzone
+from .leaves import cast
+from .loop import actuator
+from .path import reference
+from .plants import Decoupled, DecoupledState
+from .waypoints import Waypoints
+
+POINTS = 4001
+ANYTHING = (-np.inf, np.inf, np.inf)
+PAST = 30.0  # lengths L of travel after which where a heading began is forgotten: exp(-30)
+SLACK, TINY = 1e-3, 1e-6  # share of a limit, and what, it may be exceeded by without a word
+UNITS = {
+    "acceleration": "m/s^2",
+    "yaw_acceleration": "rad/s^2",
+    "lateral_acceleration": "m/s^2",
+    "steering_rate": "rad/s",
+    "steering_angle": "rad",
+    "speed": "m/s",
+    "torque_left": "Nm",
+    "torque_right": "Nm",
+    "wheel_speed_left": "rad/s",
+    "wheel_speed_right": "rad/s",
+    "position_x": "m/s^2",
+    "position_y": "m/s^2",
+    "heading": "rad/s",
+}
+RATE = "rate of "
+
+
+class Demands(NamedTuple):
+    """What it takes to follow a path exactly, at n instants."""
+
+    t: np.ndarray  # s
+    path_speed: np.ndarray  # m/s
+    curvature: np.ndarray  # 1/m, the path's, positive in a left turn; 0 where it stands still
+    heading: np.ndarray  # rad, psi, of the body; empty of a plant that has no `needs` or no `L`, as the next two
+    speed: np.ndarray  # m/s, v, of the axle along the body
+    yaw_rate: np.ndarray  # rad/s, w
+    needs: dict[str, np.ndarray]  # what must be delivered, the rate of that, and what else the plant names
+
+
+@np.errstate(all="ignore")  # of a path that is not finite
+def demands(scenario: Any, horizon: float, points: int = POINTS) -> Demands:
+    """What following the scenario's path exactly takes over `horizon` [s], or to the end of an open `Waypoints`.
+
+    The heading at t = 0 is the one that the path's own past leads to: at t < 0, 30 lengths L back. Where that is not
+    smooth, an open `Waypoints` has none at all, it begins later with a body that turns about the centre of curvature.
+    """
+    path, plant = cast(scenario.path, jnp.result_type(float)), scenario.plant
+    end = float(path.duration) * (1 - 1e-6) if _ends(path, horizon) else float(horizon)
+    t = np.linspace(0, end, 2 * points - 1)  # every other one is the middle of a step
+    velocity, second = _motion(path, t)
+    pace = np.abs(velocity)
+    cross = np.imag(np.conj(velocity) * second)
+    curvature = np.divide(cross, pace**3, out=np.zeros_like(pace), where=pace > 0)
+    heading = v = w = np.empty(0)
+    needs: dict[str, np.ndarray] = {}
+    if hasattr(plant, "needs") and hasattr(plant, "L"):
+        L = float(plant.L)
+        z = _carried(_begin(path, velocity, curvature, L), velocity, end / (points - 1), L)
+        heading = np.unwrap(np.angle(z))
+        v, w, a, alpha = _body(velocity[::2], second[::2], z, L)
+        needs = {name: np.asarray(x, float) for name, x in plant.needs(v, w, a, alpha).items()}
+    elif isinstance(plant, Decoupled):
+        needs = {name: np.asarray(x, float) for name, x in _decoupled(scenario, path, t[::2]).items()}
+    channels = [name for name in needs if _channel(plant, name) in plant.actuators]
+    needs |= {RATE + name: np.gradient(needs[name], t[::2]) for name in channels}
+    return Demands(t[::2], pace[::2], curvature[::2], heading, v, w, needs)
+
+
+def limits(scenario: Any) -> dict[str, tuple[float, float]]:
+    """The least and the most of what `demands` names: what actuators can deliver, what the plant itself can.
+
+    Only what has a limit is named. A `Steered` plant above its `limits.switch` accelerates less than is said here.
+    """
+    plant = scenario.plant
+    reach = dict(plant.reach()) if hasattr(plant, "reach") else {}
+    for name in plant.actuators:
+        low, high, rate = _passed(actuator(scenario, name), ANYTHING)
+        least, most = reach.get(name, (-np.inf, np.inf))
+        for part in _parts(plant, name):
+            reach[part] = (max(low, least), min(high, most))
+            reach[RATE + part] = (-rate, rate)
+    return {name: pair for name, pair in reach.items() if np.isfinite(pair).any()}
+
+
+def path_problems(scenario: Any, horizon: float) -> list[str]:
+    """Why the path cannot be followed exactly, one sentence for each reason: quantity, what is needed, when, the limit.
+
+    Empty where nothing stands against it, and of a plant that does not say what it needs.
+    """
+    try:
+        found, bounds = demands(scenario, horizon), limits(scenario)
+        ends = _ends(scenario.path, horizon)
+    except Exception as error:  # what users write may raise anything; it must not stop a run
+        return [f"it could not be looked at ({type(error).__name__}: {error})"]
+    finite = np.isfinite(found.path_speed) & np.isfinite(found.curvature)
+    if not finite.all():
+        return [f"the path is not finite at t = {found.t[np.argmin(finite)]:.3g} s"]
+    said = []
+    if ends:
+        last, pace = float(scenario.path.duration), found.path_speed[-1]
+        said.append(f"the path ends after {last:.3g} s of {horizon:.3g} s: it stops at once from {pace:.3g} m/s")
+    said += _reverses(found, float(getattr(scenario.plant, "L", 0.0)))
+    exceeded = [_exceeded(name, found, *bounds[name]) for name in found.needs if name in bounds]
+    return said + [sentence for sentence in exceeded if sentence]
+
+
+def _ends(path: Any, horizon: float) -> bool:
+    return isinstance(path, Waypoints) and not path.closed and float(path.duration) < horizon * (1 - 1e-6)
+
+
+@jax.jit
+def _rates(path: Any, t: Any) -> tuple[Any, Any]:
+    def one(time: Any) -> tuple[Any, Any]:
+        found = reference(path, lambda _, time: jnp.zeros_like(time), time)  # of the tangent nothing is needed
+        return found.velocity, found.acceleration
+
+    return jax.vmap(one)(t)
+
+
+def _motion(path: Any, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and acceleration of the path as complex numbers x + i y."""
+    rates = _rates(path, jnp.asarray(t, jnp.result_type(float)))
+    velocity, second = (np.asarray(x, float) for x in rates)
+    return velocity[:, 0] + 1j * velocity[:, 1], second[:, 0] + 1j * second[:, 1]
+
+
+def _begin(path: Any, velocity: np.ndarray, curvature: np.ndarray, L: float) -> complex:
+    """The heading exp(i psi) at t = 0."""
+    speed = np.abs(velocity)
+    if not speed.any() or not np.isfinite(speed).all():
+        return 1.0 + 0.0j
+    lead = PAST * L / float(np.mean(speed))
+    before, second = _motion(path, np.linspace(-lead, 0, velocity.size))  # as many as ahead: compiled once
+    smooth = np.isfinite(before) & np.isfinite(second)
+    smooth[:-1] &= np.real(np.conj(before[:-1]) * before[1:]) > 0  # turns by less than 90 degrees between two
+    rough = np.flatnonzero(~smooth[:-1:2] | ~smooth[1::2])
+    first = 2 * (rough[-1] + 1) if rough.size else 0
+    if first >= before.size - 1:
+        at = int(np.argmax(speed > 0))
+        return _turning(velocity[at], curvature[at], L)
+    bend = np.imag(np.conj(before[first]) * second[first]) / np.abs(before[first]) ** 3
+    return _carried(_turning(before[first], bend, L), before[first:], 2 * lead / (before.size - 1), L)[-1]
+
+
+def _turning(velocity: complex, curvature: float, L: float) -> complex:
+    """The heading of a body that turns about the centre of curvature, sin(theta - psi) = L curvature, if it can."""
+    inward = np.arcsin(np.clip(L * curvature, -1.0, 1.0))
+    return complex(velocity / np.abs(velocity) * np.exp(-1j * inward))
+
+
+def _carried(z: complex, velocity: np.ndarray, h: float, L: float) -> np.ndarray:
+    """The headings z = exp(i psi) at every other one of the velocities, `h` [s] apart.
+
+    z' = (v - conj(v) z^2) / (2 L), v the velocity, is solved by a quotient p / q with p' = v q / (2 L), q' = conj(v)
+    p / (2 L). Each step multiplies (p, q) by the exponential of a matrix, Magnus' of fourth order by Simpson's rule: no
+    step is too long to be stable, and a constant velocity is followed exactly.
+    """
+    first, middle, last = velocity[:-2:2], velocity[1::2], velocity[2::2]
+    b = h * (first + 4 * middle + last) / (12 * L)
+    c = -(h**2) * np.imag(first * np.conj(last)) / (24 * L**2)
+    size = np.sqrt(np.maximum(np.abs(b) ** 2 - c**2, 0))
+    share = np.divide(np.tanh(np.minimum(size, 15.0)), size, out=np.ones_like(size), where=size > 1e-12)
+    headings = [z]
+    for p, q in zip((1 + 1j * c * share).tolist(), (b * share).tolist(), strict=True):
+        z = (p * z + q) / (q.conjugate() * z + p.conjugate())
+        z /= abs(z)
+        headings.append(z)
+    return np.array(headings)
+
+
+def _body(velocity: np.ndarray, second: np.ndarray, z: np.ndarray, L: float) -> tuple[np.ndarray, ...]:
+    """Speed v, yaw rate w, a and alpha, see above."""
+    along, push = velocity * np.conj(z), second * np.conj(z)
+    v, w = np.real(along), np.imag(along) / L
+    return v, w, np.real(push) + L * w**2, (np.imag(push) - v * w) / L
+
+
+@jax.jit
+def _left(plant: Any, path: Any, heading: Any, t: Any) -> tuple[Any, Any]:
+    def one(time: Any) -> tuple[Any, Any]:
+        asked = reference(path, heading, time)
+        state = DecoupledState(position=asked.position, velocity=asked.velocity, heading=asked.heading)
+        nothing = {"position": jnp.zeros_like(asked.position), "heading": asked.heading_rate}
+        free = plant.derivative(state, None, nothing, jnp.zeros(3, asked.position.dtype))
+        return asked.acceleration - free.velocity, asked.heading_rate
+
+    return jax.vmap(one)(t)
+
+
+def _decoupled(scenario: Any, path: Any, t: np.ndarray) -> dict[str, Any]:
+    """Of eq. (6): the path's acceleration less F [m/s^2], and the rate of the heading that is asked for [rad/s]."""
+    dtype = jnp.result_type(float)
+    plant, heading = (cast(tree, dtype) for tree in (scenario.plant, scenario.heading))
+    push, rate = _left(plant, path, heading, jnp.asarray(t, dtype))
+    return {"position_x": push[:, 0], "position_y": push[:, 1], "heading": rate}
+
+
+def _channel(plant: Any, name: str) -> str:
+    """The actuator of what is needed: `position` delivers along both axes."""
+    return name.removesuffix("_x").removesuffix("_y") if isinstance(plant, Decoupled) else name
+
+
+def _parts(plant: Any, name: str) -> tuple[str, ...]:
+    return ("position_x", "position_y") if isinstance(plant, Decoupled) and name == "position" else (name,)
+
+
+def deliverable(part: Any) -> tuple[float, float]:
+    """The least and the most that an element or a chain of them can deliver, whatever it is asked for."""
+    return _passed(part, ANYTHING)[:2]
+
+
+def _passed(part: Any, given: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Least, most and fastest rate of what an element delivers of an input within such bounds; it starts from 0."""
+    low, high, rate = given
+    if isinstance(part, Chain):
+        for element in part.values():
+            given = _passed(element, given)
+        return given
+    if isinstance(part, Saturation):
+        return (*np.clip([low, high], float(part.lower), float(part.upper)).tolist(), rate)
+    if isinstance(part, Deadzone):
+        return _at(part, low), _at(part, high), rate * max(float(part.slope_left), float(part.slope_right))
+    if isinstance(part, Quantisation):
+        return _at(part, low), _at(part, high), rate  # on average: it moves in jumps
+    if isinstance(part, Backlash):
+        half = float(part.gap) / 2
+        return min(low + half, 0.0), max(high - half, 0.0), rate
+    if isinstance(part, RateLimit):
+        return min(low, 0.0), max(high, 0.0), min(rate, float(part.rate))
+    if isinstance(part, (Lag, Delay)):
+        return min(low, 0.0), max(high, 0.0), rate if isinstance(part, Lag) else np.inf  # a delay may bring jumps
+    return -np.inf, np.inf, np.inf  # an element that is not ours may deliver anything
+
+
+def _at(part: Any, u: float) -> float:
+    return float(part(jnp.asarray(u))) if np.isfinite(u) else u
+
+
+def _reverses(found: Demands, L: Any) -> list[str]:
+    """A vehicle that steers a wheel and would have to stand still or to drive backwards."""
+    if "steering_angle" not in found.needs or (found.speed > 0).all():
+        return []
+    worst, tightest = int(np.argmin(found.speed)), float(np.max(np.abs(found.curvature)))
+    tight = f"; its smallest radius is {1 / tightest:.3g} m, the wheelbase {L:.3g} m" if tightest * L > 1 else ""
+    when = f"{found.speed[worst]:.3g} m/s at t = {found.t[worst]:.3g} s"
+    return [f"speed: the path makes the vehicle stand still or reverse, {when}{tight}"]
+
+
+def _exceeded(name: str, found: Demands, low: float, high: float) -> str:
+    """The sentence on a quantity that leaves its limits most at some instant; empty if it keeps them."""
+    needed = found.needs[name]
+    if not np.isfinite(needed).all():
+        return f"{name}: what the path needs is not finite at t = {found.t[np.argmin(np.isfinite(needed))]:.3g} s"
+    over = np.maximum(needed - high, low - needed)
+    worst = int(np.argmax(over))
+    above = needed[worst] > high
+    limit, end = (high, "most") if above else (low, "least")
+    if over[worst] <= SLACK * abs(limit) + TINY:
+        return ""
+    plain = name.removeprefix(RATE)
+    need, when = f"{needed[worst]:.3g} {UNITS.get(plain, '')}".rstrip(), f"at t = {found.t[worst]:.3g} s"
+    if name != plain:
+        return f"{plain}: the path needs a change by {need} per s {when}, it changes by {high:.3g} at most"
+    return f"{name}: the path needs {need} {when}, the vehicle has {limit:.3g} at {end}"
