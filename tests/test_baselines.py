@@ -212,7 +212,7 @@ def asked_with_known_slopes(slopes, feedback, rest):
     measurement = Measurement(position=zero, velocity=zero, heading=-feedback[2], yaw_rate=none)
     r = Reference(position=zero, velocity=zero, acceleration=zero, heading=none, heading_rate=rest[2])
     state = dataclasses.replace(controller.init(measurement, r), phi1=feedback[:2], phi2=rest[:2])
-    return loop.as_vector(controller.law(state, (), measurement, r)[0])
+    return loop.as_vector(controller.law(state, (), measurement, r)[0], heading=True)
 
 
 # A lap ---------------------------------------------------------------------------------------------------------------

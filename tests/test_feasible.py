@@ -242,7 +242,8 @@ def test_odd_scenarios_are_left_alone():
     assert agvjax.demands(Scenario.of(Silent()), 5.0).needs == {}
     scenario = Scenario.of(Silent(), actuators={"acceleration": Chain(stop=Saturation(upper=0.1, lower=-0.1))})
     assert agvjax.path_problems(scenario, 5.0) == []
-    assert agvjax.path_problems(Scenario(path=None), 5.0) == []
+    (said,) = agvjax.path_problems(Scenario(path=None), 5.0)
+    assert said.startswith("it could not be looked at (TypeError")
     assert agvjax.path_problems(Scenario.of(Unicycle(), path=agvjax.Line(velocity=np.zeros(2))), 5.0) == []
     still = Scenario.of(SingleTrack(), path=agvjax.Line(velocity=np.zeros(2)))
     assert "stand still or reverse" in agvjax.path_problems(still, 5.0)[0]

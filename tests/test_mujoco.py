@@ -110,7 +110,7 @@ def analytic(robot, **friction):
         wheel_radius=robot.wheel_radius,
         track=robot.track,
         L=L,
-        **friction,
+        **({"friction": 0.0, "viscous": 0.0} | friction),
     )
 
     @jax.jit
@@ -225,5 +225,5 @@ def test_its_motors_have_limits():
 
 def test_without_mujoco_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(ImportError, match=r"pip install 'agvjax\[mujoco\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'agvjax\[vehicles\]'"):
         Robot()

@@ -113,7 +113,8 @@ def test_wrong_tables_are_named(table, key):
 
 def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
     out = tmp_path / "run"
-    assert cli.main(["tune", "--config", "unicycle", "--out", str(out), "--quiet", *options(BRIEF)]) == 0
+    few = ['tune.gains=["inner.k1"]', "tune.dt=0.02", "simulate.dt=0.005"]
+    assert cli.main(["tune", "--config", "unicycle", "--out", str(out), "--quiet", *options(BRIEF + few)]) == 0
     text = (out / "report.md").read_text()
     assert "delivered_variation" in text
     assert "peak_heading" not in text

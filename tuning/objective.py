@@ -67,10 +67,10 @@ def metrics_of(plant: Any) -> tuple[str, ...]:
     return tuple(name for name in METRICS if heading or name not in OF_HEADING)
 
 
-def criteria(names: Iterable[str]) -> agvjax.Criteria:
-    """How runs must be judged to have these metrics, and slopes of them."""
+def criteria(names: Iterable[str], sloped: bool = False) -> agvjax.Criteria:
+    """How runs must be judged to have these metrics, and if so asked slopes of all of them."""
     names = tuple(names)
-    smooth = any(name.startswith("settling") for name in names)
+    smooth = sloped and any(name.startswith("settling") for name in names)
     return agvjax.Criteria(smooth=smooth, delivered=not OF_DELIVERED.isdisjoint(names))
 
 
@@ -142,7 +142,7 @@ class Objective(NamedTuple):
     @property
     def criteria(self) -> agvjax.Criteria:
         """How runs must be judged for these metrics to have slopes."""
-        return criteria(self.names)
+        return criteria(self.names, sloped=True)
 
     @property
     def places(self) -> list[tuple[int, int]]:

@@ -39,7 +39,7 @@ class Rolling:
         )
 
     def move(self, state: RollingState, a: Array, alpha: Array, disturbance: Array) -> RollingState:
-        """Eqs. (1)-(4) under accelerations a [m/s^2] and alpha [rad/s^2] and a disturbance (3,).
+        """The body, eqs. (1)-(4), under accelerations a [m/s^2] and alpha [rad/s^2] and a disturbance (3,).
 
         The disturbance's delta_x, delta_y [m/s^2] push the reference point, eq. (6): what of it lies along the heading
         changes v, what lies across it w, by a lever of L. Its delta_psi [rad/s] adds to the heading's rate, eq. (55),
@@ -62,7 +62,7 @@ class Rolling:
 
 @pytree
 class Unicycle(Rolling):
-    """Eqs. (1)-(4): the inputs are the two that a vehicle has, v' and w', each behind its own deadzone.
+    """The vehicle of eqs. (1)-(4): its inputs are the two it has, v' and w', each behind its own deadzone.
 
     The heading is internal: it follows from how the reference point moves, and is stable while that moves forward.
     """
@@ -84,7 +84,7 @@ class Unicycle(Rolling):
         return {"acceleration": along, "yaw_acceleration": across / self.L}
 
     def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
-        """Eq. (4). The position command [m/s^2] that inputs amount to."""
+        """The position command [m/s^2] that inputs amount to, eq. (4)."""
         return into_plane(inputs["acceleration"], self.L * inputs["yaw_acceleration"], measurement.heading)
 
     def derivative(self, state: RollingState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:

@@ -64,9 +64,9 @@ def page(study: Study) -> str:
 {_paper(study)}
 
 The first command asks for {study.peaks["virtual"]:.0f} m/s^2 in the plane, in the body for {peak:.0f} m/s^2 and
-{study.peaks["yaw_acceleration"]:.0f} rad/s^2: {peak / G:.0f} g, beyond any vehicle. With 20 ms of delay {study.lost} of {study.starts} starts within 0.5 m are lost. The heading is
-internal: it follows from how the reference point moves and is not scored against the bearing. delta_psi adds to its
-rate, as a drift that turns body and velocity.
+{study.peaks["yaw_acceleration"]:.0f} rad/s^2: {peak / G:.0f} g, beyond any vehicle. With 20 ms of delay
+{study.lost} of {study.starts} starts within 0.5 m are lost. The heading is internal: it follows from how the reference
+point moves and is not scored against the bearing. delta_psi adds to its rate, as a drift that turns body and velocity.
 
 ![errors](paper.png)
 
