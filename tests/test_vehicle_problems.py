@@ -54,6 +54,11 @@ def test_the_computer_takes_the_vehicle_for_the_configured_one_unless_told():
     assert (config.controller.vehicle.L, config.scenario.plant.L) == (0.6, 0.5)
 
 
+def test_a_type_given_by_name_can_be_refined():
+    config = configuration.load(["unicycle"], ["scenario.plant.L=0.4"])
+    assert (config.scenario.plant.L, config.controller.vehicle.L) == (0.4, 0.4)
+
+
 def test_chains_keep_the_order_of_their_table():
     table = {"lag": {"time_constant": 0.03}, "stop": {"type": "saturation", "upper": 2.0}, "delay": {"time": 0.01}}
     given = {"scenario": {"plant": "unicycle", "actuators": {"acceleration": table}}, "controller": "sampled"}

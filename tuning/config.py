@@ -114,6 +114,8 @@ def _nested(key: str, value: Any) -> Any:
 
 def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
     for key, value in table.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), str):
+            into[key] = {"type": into[key]}  # a name stands for its table
         if isinstance(value, Mapping) and isinstance(into.get(key), dict):
             _merge(into[key], value)
         else:
