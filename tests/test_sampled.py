@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import agvjax
 import reference
 from agvjax import BackCalculation, Chain, Delay, NeuroBackstepping, Noise, Sampled, Saturation, Scenario, Unicycle
-from agvjax.controllers.backstepping import CommandFilter, LiteralFilter
+from agvjax.controllers.filters import CommandFilter, LiteralFilter
 from reference import Parameters
 
 DELAYED = {name: Chain(delay=Delay(time=0.02)) for name in Unicycle.actuators}

@@ -14,10 +14,11 @@ import tomli_w
 import agvjax
 from agvjax.actuators import ELEMENTS
 
+from .classes import CLASSES
 from .ensemble import Between, Distribution, OneOf, Span, Times, default_draws
 from .free import tunable
 from .objective import metrics_of
-from .reader import CLASSES, Reader
+from .reader import Reader
 from .recordings import RECIPES
 from .rules import problems
 from .settings import VERSION, Bound, Config, Limit, Weights, default_over

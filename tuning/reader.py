@@ -1,8 +1,4 @@
-"""Tables of TOML into objects: names of types and metrics, and what is wrong with what was given.
-
-The names of classes live here and nowhere else: `type = "circle"` in a table, or `filter = "literal"` where a class has
-nothing to set.
-"""
+"""Tables of TOML into objects, and what is wrong with what was given."""
 
 from __future__ import annotations
 
@@ -16,72 +12,11 @@ import numpy as np
 import agvjax
 from agvjax.actuators import ELEMENTS
 
+from .classes import CLASSES
 from .ensemble import Between, Distribution, Draw, OneOf, Span, Times, default_draws
 from .objective import METRICS
 from .recordings import RECIPES, Recipe
 from .settings import CHOICES, Bound, Limit, Weights
-
-LAWS = {
-    "neuro_backstepping": agvjax.NeuroBackstepping,
-    "backstepping": agvjax.Backstepping,
-    "full_weight": agvjax.FullWeightBackstepping,
-    "osfc": agvjax.OSFC,
-    "asmc": agvjax.ASMC,
-    "dfc": agvjax.DFC,
-    "ftsmc": agvjax.FTSMC,
-    "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
-}
-COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
-PLANTS = {
-    "decoupled": agvjax.Decoupled,
-    "unicycle": agvjax.Unicycle,
-    "differential_drive": agvjax.DifferentialDrive,
-    "kinematic_single_track": agvjax.KinematicSingleTrack,
-    "single_track": agvjax.SingleTrack,
-}
-PARTS = {
-    "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
-    "coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
-    "drive": {"torque": agvjax.TorqueDrive, "speed": agvjax.SpeedDrive},
-    "tyre": {"linear": agvjax.LinearTyre, "saturating": agvjax.SaturatingTyre},
-    "surface": {"none": None, "patch": agvjax.FrictionPatch},
-}
-FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
-CLASSES: dict[str, dict[str, Any]] = {
-    "controller": LAWS | COMPOSED | {"sampled": agvjax.Sampled},
-    "controller.inner": LAWS,
-    "controller.filter": FILTERS,
-    "controller.inner.filter": FILTERS,
-    "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
-    "controller.vehicle": PLANTS,
-    **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
-    "scenario.plant": PLANTS,
-    **{f"scenario.plant.{name}": classes for name, classes in PARTS.items()},
-    "scenario.sensor": {"none": None, "noise": agvjax.Noise},
-    "scenario.path": {
-        "dumbbell": agvjax.Dumbbell,
-        "circle": agvjax.Circle,
-        "lemniscate": agvjax.Lemniscate,
-        "line": agvjax.Line,
-        "waypoints": agvjax.Waypoints,
-    },
-    "scenario.heading": {
-        "default": None,
-        "bearing": agvjax.Bearing,
-        "bearing_raw": agvjax.RawBearing,
-        "bearing_swapped": agvjax.SwappedBearing,
-        "tangent": agvjax.Tangent,
-    },
-    "scenario.disturbance": {
-        "cosine": agvjax.Cosine,
-        "none": agvjax.NoDisturbance,
-        "step": agvjax.Step,
-        "cosine_sum": agvjax.CosineSum,
-        "band_limited_noise": agvjax.BandLimitedNoise,
-        "recorded": agvjax.Recorded,
-    },
-}
-
 
 EMPTY = ("sweep.controllers", "sweep.export")  # lists that may hold nothing
 DRAWS = ("between", "times", "one_of", "distribution")

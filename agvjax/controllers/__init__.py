@@ -12,12 +12,12 @@ belong; see `Backstepping`.
 from .asmc import ASMC as ASMC
 from .backstepping import Backstepping as Backstepping
 from .backstepping import BacksteppingState as BacksteppingState
-from .backstepping import CommandFilter as CommandFilter
 from .backstepping import KnownSlopes as KnownSlopes
-from .backstepping import LiteralFilter as LiteralFilter
-from .backstepping import NoFilter as NoFilter
 from .dfc import DFC as DFC
 from .event_triggered import EventTriggered as EventTriggered
+from .filters import CommandFilter as CommandFilter
+from .filters import LiteralFilter as LiteralFilter
+from .filters import NoFilter as NoFilter
 from .fractional import FractionalBackstepping as FractionalBackstepping
 from .fractional import Oustaloup as Oustaloup
 from .ftsmc import FTSMC as FTSMC

@@ -29,10 +29,10 @@ from .protocol import turned as turned
 from .road import FrictionPatch as FrictionPatch
 from .single_track import KinematicSingleTrack as KinematicSingleTrack
 from .single_track import KinematicState as KinematicState
-from .single_track import LinearTyre as LinearTyre
-from .single_track import SaturatingTyre as SaturatingTyre
 from .single_track import SingleTrack as SingleTrack
 from .single_track import SingleTrackState as SingleTrackState
 from .single_track import SteeringLimits as SteeringLimits
+from .tyre import LinearTyre as LinearTyre
+from .tyre import SaturatingTyre as SaturatingTyre
 from .unicycle import RollingState as RollingState
 from .unicycle import Unicycle as Unicycle
