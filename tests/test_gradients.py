@@ -104,6 +104,7 @@ def in_batch():
     return function, jnp.concatenate([jnp.zeros(2), limits, amplitudes, headings])
 
 
+@pytest.mark.slow
 def test_gradient_of_a_batch_in_gains_and_in_its_own_leaves(in_batch):
     function, x = in_batch
     slope = central(function, x)

@@ -161,6 +161,7 @@ def test_a_sample_rate_bounds_the_filter():
         pose(problem(gains=("omega_n",), sample_rate=40.0, integrator="euler"))
 
 
+@pytest.mark.slow
 def test_several_starts_go_as_one_batch_and_the_best_is_taken():
     config = problem(starts=3, spread=1.5, iterations=8)
     posed = pose(config)
@@ -214,6 +215,7 @@ def test_goals_of_every_kind_go_down_within_absolute_limits(goal):
     assert reached <= 1.001 * 1.05 * peak
 
 
+@pytest.mark.slow
 def test_a_settling_time_can_be_asked_for():
     law = NeuroBackstepping(Lam_psi=40.0)
     config = problem(law, goals={"effort_heading": Weights(mean=1.0)}, limits={}, iterations=40)
@@ -337,6 +339,7 @@ def test_the_first_step_without_a_finite_slope_is_named():
     assert not diagnose(tuner).healthy
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_is_named_with_its_step():
     starts_beyond = {"start.position": Between(0.0, 2000.0)}
     found = diagnose(pose(problem(draws=starts_beyond)).tuner)

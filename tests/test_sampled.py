@@ -204,6 +204,7 @@ def test_one_step_is_a_pure_function_of_state_and_measurement():
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), first, again)
 
 
+@pytest.mark.slow
 def test_slopes_of_the_sampled_loop_agree_with_differences():
     law = Sampled(inner=NeuroBackstepping(k1=3.0, k2=9.0, omega_n=30.0), vehicle=Unicycle(), anti_windup=WINDUP)
     scenario = Scenario.of(Unicycle(), actuators=LIMITED)

@@ -173,6 +173,7 @@ def test_a_drive_agrees_with_scipy_on_commonroads_function():
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_slopes_agree_with_differences():
     rng = np.random.default_rng(1)
     patch = FrictionPatch(center=np.array([0.3, -0.2]), radius=2.0, factor=0.4, edge=0.5)

@@ -116,6 +116,7 @@ def test_wrong_tables_are_named(table, key):
     assert any(key in problem.key for problem in caught.value.problems), str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
     out = tmp_path / "run"
     few = ['tune.gains=["inner.k1"]', "tune.dt=0.02", "simulate.dt=0.005"]
@@ -232,6 +233,7 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
         assert moving.n_frames > 100
 
 
+@pytest.mark.slow
 def test_a_lap_of_the_car_replayed_in_commonroads_own_model():
     pytest.importorskip("vehiclemodels")
     from tuning.vehicles.worlds import CommonRoadWorld
