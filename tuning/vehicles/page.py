@@ -79,7 +79,7 @@ applied, and stops the integral meanwhile.
 
 ![errors](limits.png)
 
-## A car: BMW 320i, front axle on a dumbbell of 80 m by 160 m, two laps at 50 Hz, 20 ms late
+## A car: BMW 320i, front axle on a dumbbell of 80 m by 80 m, two laps at 50 Hz, 20 ms late
 
 {_car(study)}
 
