@@ -59,9 +59,11 @@ from .deadzone import Deadzone as Deadzone
 from .disturbance import BandLimitedNoise as BandLimitedNoise
 from .disturbance import Cosine as Cosine
 from .disturbance import CosineSum as CosineSum
+from .disturbance import Harmonic as Harmonic
 from .disturbance import NoDisturbance as NoDisturbance
 from .disturbance import Recorded as Recorded
 from .disturbance import Step as Step
+from .disturbance import Tone as Tone
 from .evaluate import Batch as Batch
 from .evaluate import batch as batch
 from .evaluate import evaluate as evaluate

@@ -20,6 +20,7 @@ from .actuators import uniform
 
 INCREASING = Rule("finite and each above the one before", lambda x: np.all(np.diff(x) > 0, axis=-1))
 UNIT = "m/s^2, m/s^2, rad/s"
+CHANNEL_UNIT = "m/s^2; rad/s in the heading"
 
 
 @pytree
@@ -87,6 +88,40 @@ class CosineSum(_Scaled):
     def scale(self, shape: Float[Array, " M"]) -> Float[Array, "3"]:
         """The sum over the cosines, shape (3,)."""
         return jnp.broadcast_to(jnp.sum(self.amplitudes * shape), (3,))
+
+
+@pytree
+class Tone:
+    """What pushes in one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase)."""
+
+    constant: float = number(0.0, CHANNEL_UNIT, ANY)
+    cosine: float = number(0.0, CHANNEL_UNIT, ANY)
+    sine: float = number(0.0, CHANNEL_UNIT, ANY)
+
+
+@pytree
+class Harmonic:
+    """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log."""
+
+    x: Tone = Tone()
+    y: Tone = Tone()
+    heading: Tone = Tone()
+    omega: float = number(0.5, "rad/s", NONNEGATIVE)
+    phase: float = number(0.0, "rad", ANY)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Disturbance at time `t` [s] in the x, y and heading channels, shape (3,)."""
+        return self.scale(self.shape(t))
+
+    def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """1, cosine and sine, shape (3,)."""
+        angle = self.omega * t + self.phase
+        return jnp.stack([jnp.ones_like(angle), jnp.cos(angle), jnp.sin(angle)])
+
+    def scale(self, shape: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Of each channel their sum, shape (3,)."""
+        channels = (self.x, self.y, self.heading)
+        return jnp.stack([c.constant * shape[0] + c.cosine * shape[1] + c.sine * shape[2] for c in channels])
 
 
 @pytree

@@ -62,6 +62,7 @@ CLASSES: dict[str, dict[str, Any]] = {
         "none": agvjax.NoDisturbance,
         "step": agvjax.Step,
         "cosine_sum": agvjax.CosineSum,
+        "harmonic": agvjax.Harmonic,
         "band_limited_noise": agvjax.BandLimitedNoise,
         "recorded": agvjax.Recorded,
     },

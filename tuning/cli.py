@@ -57,7 +57,18 @@ def parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "vehicles", parents=[common], help="unicycle, car and robot with limits, delay and sampling; tuned and judged"
     )
+    _identify(commands, common)
     return top
+
+
+def _identify(commands: Any, common: argparse.ArgumentParser) -> None:
+    identify = commands.add_parser(
+        "identify", parents=[common], help="what the actuators really do, from recorded drives; a scenario to tune for"
+    )
+    add = identify.add_argument
+    add("logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any a drive to record is suggested")
+    add("--unseen", action="append", default=[], metavar="LOG.csv", help="a drive to predict with what was identified")
+    add("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
 
 
 def _sweep(commands: Any, common: argparse.ArgumentParser) -> None:

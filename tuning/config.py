@@ -15,11 +15,11 @@ import agvjax
 from agvjax.actuators import ELEMENTS
 
 from .classes import CLASSES
-from .ensemble import Between, Distribution, OneOf, Span, Times, default_draws
+from .ensemble import Between, Correlated, Correlation, Distribution, OneOf, Span, Times, correlated, default_draws
 from .free import tunable
 from .objective import metrics_of
 from .reader import Reader
-from .recordings import RECIPES
+from .recordings import RECIPES, Column
 from .rules import problems
 from .settings import VERSION, Bound, Config, Limit, Weights, default_over
 
@@ -63,10 +63,28 @@ def resolve(table: Mapping[str, Any], command: str = "tune") -> Config:
     reader = Reader()
     first = {key: table[key] for key in ("scenario",) if key in table}  # a computer takes its vehicle for this one
     config = fitted(reader.fields("", Config(), first | dict(table)), table)
-    found = reader.problems + problems(config, command)
+    found = reader.problems
+    if config.ensemble.correlation is not None and not found:
+        config, found = tied(config)
+    found = found + problems(config, command)
     if found:
         raise agvjax.InputError(found)
     return config
+
+
+def tied(config: Config) -> tuple[Config, list[agvjax.Problem]]:
+    """The draws that are correlated, tied together; and what is wrong with that."""
+    ensemble = config.ensemble
+    assert ensemble.correlation is not None
+    several = [n for n in ensemble.correlation.leaves if np.ndim(agvjax.leaves(config.scenario).get(n, 0.0))]
+    try:
+        if several:
+            raise ValueError(f"{', '.join(several)} must each be a single number")
+        draws = correlated(ensemble.draws, ensemble.correlation)
+    except ValueError as error:
+        rule = f"correlations of leaves in [ensemble.draws] ({error})"
+        return config, [agvjax.Problem("ensemble.correlation", f"{len(ensemble.correlation.leaves)} leaves", rule)]
+    return dataclasses.replace(config, ensemble=dataclasses.replace(ensemble, draws=draws)), []
 
 
 def fitted(config: Config, given: Mapping[str, Any]) -> Config:
@@ -133,6 +151,12 @@ def _table(key: str, value: Any) -> Any:
         return {type(value).__name__.lower(): list(value)}
     if isinstance(value, OneOf):
         return {"one_of": list(value.values)}
+    if isinstance(value, Correlated):
+        return _table(key, value.marginal)
+    if isinstance(value, Column):
+        return {"column": value.column, "unit": value.unit} if value.unit else value.column
+    if isinstance(value, Correlation):
+        return {"leaves": list(value.leaves), "matrix": [list(row) for row in value.matrix]}
     if isinstance(value, Distribution):
         return {"distribution": value.name, **value.parameters, "times": value.times}
     if isinstance(value, Span):

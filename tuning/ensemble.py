@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +76,26 @@ class OneOf(NamedTuple):
         return np.asarray(sorted(self.values))[place] + 0 * nominal
 
 
-Draw = Between | Times | Distribution | OneOf
+class Correlation(NamedTuple):
+    """Which leaves are drawn together: the correlations of the normal numbers behind their draws (Gaussian copula)."""
+
+    leaves: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+class Correlated(NamedTuple):
+    """A distribution whose draws go with those of other leaves."""
+
+    marginal: Distribution
+    leaves: tuple[str, ...]  # those it goes with, itself among them, in the order of the factor
+    row: tuple[float, ...]  # of the Cholesky factor of their correlations
+
+    def quantile(self, share: Any, nominal: Any) -> Any:
+        """The value below which a `share` of the draws lies, whatever the others are."""
+        return self.marginal.quantile(share, nominal)
+
+
+Draw = Between | Times | Distribution | OneOf | Correlated
 
 
 class Span(NamedTuple):
@@ -88,7 +107,7 @@ class Span(NamedTuple):
 
 def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
     """Smallest and largest value; of a distribution all but a `TAIL` of the draws on either side."""
-    tail = TAIL if isinstance(draw, Distribution) else 0.0
+    tail = TAIL if isinstance(draw, (Distribution, Correlated)) else 0.0
     low, high = (draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (tail, 1 - tail))
     return low, high
 
@@ -124,10 +143,45 @@ def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int, part:
     values = {}
     for name, draw in draws.items():
         nominal = np.asarray(get(scenario, name), float)
-        stream = name if part == 0 else f"{name}#{part}"
-        shares = uniform(seed, stream, size, nominal.size).reshape(size, *nominal.shape)
-        values[name] = draw.quantile(shares, nominal)
+        leaves = draw.leaves if isinstance(draw, Correlated) else (name,)
+        streams = [leaf if part == 0 else f"{leaf}#{part}" for leaf in leaves]
+        shares = np.stack([uniform(seed, stream, size, nominal.size) for stream in streams])
+        row = draw.row if isinstance(draw, Correlated) else (1.0,)
+        values[name] = draw.quantile(together(shares, row).reshape(size, *nominal.shape), nominal)
     return agvjax.batch(scenario, values)
+
+
+def together(shares: np.ndarray, row: Sequence[float]) -> np.ndarray:
+    """Shares of a leaf (n, ...), from the independent ones of all it goes with (K, n, ...)."""
+    if len(row) == 1:
+        return shares[0]
+    from scipy.special import ndtr, ndtri  # late: half a second that few runs need
+
+    return ndtr(np.tensordot(np.asarray(row), ndtri(shares), axes=1))
+
+
+def correlated(draws: Mapping[str, Draw], correlation: Correlation) -> dict[str, Draw]:
+    """The draws, those that are correlated tied together.
+
+    Raises:
+        ValueError: a leaf is not drawn from a distribution, or these are no correlations.
+    """
+    matrix, size = np.asarray(correlation.matrix, float), len(correlation.leaves)
+    loose = [n for n in correlation.leaves if not isinstance(draws.get(n), (Distribution, Correlated))]
+    if loose:
+        raise ValueError(f"{', '.join(loose)} must each be drawn from a distribution")
+    if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T) or not np.allclose(np.diag(matrix), 1):
+        raise ValueError(f"the matrix must be symmetric, {size} by {size}, with 1 on its diagonal")
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError as error:
+        raise ValueError("the matrix must be positive definite") from error
+    tied = dict(draws)
+    for name, row in zip(correlation.leaves, factor, strict=True):
+        draw: Any = draws[name]
+        marginal = draw.marginal if isinstance(draw, Correlated) else draw
+        tied[name] = Correlated(marginal, correlation.leaves, tuple(row.tolist()))
+    return tied
 
 
 def lowest(scenario: Any, draws: Mapping[str, Draw], name: str) -> float:

@@ -13,9 +13,9 @@ import agvjax
 from agvjax.actuators import ELEMENTS
 
 from .classes import CLASSES
-from .ensemble import Between, Distribution, Draw, OneOf, Span, Times, default_draws
+from .ensemble import Between, Correlation, Distribution, Draw, OneOf, Span, Times, default_draws
 from .objective import METRICS
-from .recordings import RECIPES, Recipe
+from .recordings import RECIPES, Column, Recipe
 from .settings import CHOICES, Bound, Limit, Weights
 
 EMPTY = ("sweep.controllers", "sweep.export")  # lists that may hold nothing
@@ -45,6 +45,10 @@ class Reader:
         """The object at `key`: the default with what the table gives."""
         if key in CLASSES:
             return self.pick(key, default, given)
+        if key == "identify.columns":
+            return self.columns(key, given)
+        if key == "ensemble.correlation":
+            return self.correlation(key, given)
         if default is None:
             self.wrong(key, given, "absent: it can be set in Python only")
             return default
@@ -221,6 +225,31 @@ class Reader:
             except ValueError as error:
                 self.wrong(f"{key}.{name}", draw, f"a distribution of scipy.stats with its parameters ({error})")
         return found if len(self.problems) == before else default_draws()
+
+    def columns(self, key: str, given: Any) -> dict[str, Column]:
+        """Columns of a log by what they hold: a name, or a name and a unit."""
+        if not isinstance(given, Mapping):
+            self.wrong(key, given, "a table")
+            return {}
+        found = {}
+        for name, value in given.items():
+            table = {"column": value} if isinstance(value, str) else value
+            fits = isinstance(table, Mapping) and set(table) <= {"column", "unit"}
+            if fits and all(isinstance(x, str) for x in table.values()):
+                found[name] = Column(str(table.get("column", name)), str(table.get("unit", "")))
+            else:
+                self.wrong(f"{key}.{name}", value, '"the name of a column", or { column = "its name", unit = "deg" }')
+        return found
+
+    def correlation(self, key: str, given: Any) -> Correlation | None:
+        """Leaves and a matrix."""
+        leaves = given.get("leaves") if isinstance(given, Mapping) and set(given) == {"leaves", "matrix"} else None
+        matrix = _numbers(given["matrix"]) if isinstance(leaves, list) and isinstance(given["matrix"], list) else None
+        names = isinstance(leaves, list) and all(isinstance(name, str) for name in leaves)
+        if matrix is None or matrix.ndim != 2 or not names or not leaves:
+            self.wrong(key, given, "{ leaves = [names], matrix = [[numbers]] }")
+            return None
+        return Correlation(tuple(leaves), tuple(tuple(row) for row in matrix.tolist()))
 
     def requirements(self, key: str, default: Any, given: Any) -> Any:
         """Goals or limits by metric: a table of statistics, or one number for a mean, of a limit for the worst too."""

@@ -11,11 +11,49 @@ import numpy as np
 
 import agvjax
 
+UNITS = {
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "rad": 1.0,
+    "deg": np.pi / 180,
+    "m/s": 1.0,
+    "mm/s": 1e-3,
+    "km/h": 1 / 3.6,
+    "rad/s": 1.0,
+    "deg/s": np.pi / 180,
+    "rpm": np.pi / 30,
+    "m/s^2": 1.0,
+    "rad/s^2": 1.0,
+    "deg/s^2": np.pi / 180,
+    "Nm": 1.0,
+    "mNm": 1e-3,
+}
 
-def read(file: Any, columns: Sequence[str], optional: Sequence[str] = (), least: int = 2) -> dict[str, np.ndarray]:
+
+class Column(NamedTuple):
+    """Where a quantity stands in a file, and in which unit; without one it is SI."""
+
+    column: str
+    unit: str = ""
+
+
+def read(
+    file: Any,
+    columns: Sequence[str],
+    optional: Sequence[str] = (),
+    least: int = 2,
+    time: str = "t",
+    blank: Sequence[str] = (),
+) -> dict[str, np.ndarray]:
     """Columns of a CSV file by the names in its first row; of the optional ones those that are there.
 
-    A column `t` must increase from row to row. Other columns are left alone.
+    The column `time` must increase from row to row. An empty cell is NaN in the `blank` columns and wrong in others.
+    Columns not named are left alone.
 
     Raises:
         ValueError: names the file and what is wrong with it: the row, the column and the rule.
@@ -39,11 +77,12 @@ def read(file: Any, columns: Sequence[str], optional: Sequence[str] = (), least:
     found = {}
     for name in wanted:
         place = header.index(name)
-        found[name] = np.array([_cell(file, line, name, cells[place]) for line, cells in rows[1:]])
-    if "t" in found and np.any(np.diff(found["t"]) <= 0):
-        at = int(np.argmax(np.diff(found["t"]) <= 0))
-        now, before = found["t"][at + 1], found["t"][at]
-        raise ValueError(f"{file}, row {rows[at + 2][0]}, column t: {now:g} must be above {before:g}, the time before")
+        empty = name in blank
+        found[name] = np.array([_cell(file, line, name, cells[place], empty) for line, cells in rows[1:]])
+    if time in found and np.any(np.diff(found[time]) <= 0):
+        at = int(np.argmax(np.diff(found[time]) <= 0))
+        now, before = (f"{found[time][i]:.15g}" for i in (at + 1, at))
+        raise ValueError(f"{file}, row {rows[at + 2][0]}, column {time}: {now} must be above {before}, the time before")
     return found
 
 
@@ -64,7 +103,9 @@ def _rows(file: Any) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{file}, row {reader.line_num}: {error}") from error
 
 
-def _cell(file: Any, line: int, name: str, text: str) -> float:
+def _cell(file: Any, line: int, name: str, text: str, blank: bool = False) -> float:
+    if blank and not text.strip():
+        return np.nan
     try:
         value = float(text)
     except ValueError:

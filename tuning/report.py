@@ -12,7 +12,7 @@ import agvjax
 from agvjax import plot
 
 from .analysis import Findings, Standing
-from .ensemble import Distribution
+from .ensemble import Correlated, Distribution
 from .markdown import grid
 from .objective import METRICS, OF_DELIVERED, OF_HEADING, metrics_of, unit
 from .optimise import SEQUENTIAL
@@ -337,5 +337,5 @@ def _smooth_note(names: Sequence[str]) -> str:
 
 
 def _cut(posed: Any) -> str:
-    tailed = [n for n, d in posed.config.ensemble.draws.items() if isinstance(d, Distribution)]
+    tailed = [n for n, d in posed.config.ensemble.draws.items() if isinstance(d, (Correlated, Distribution))]
     return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""

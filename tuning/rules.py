@@ -213,6 +213,9 @@ def _ends(tree: Any, name: str, ends: Iterable[Any], key: str) -> list[agvjax.Pr
 def _swept(config: Config) -> list[agvjax.Problem]:
     """Axes that cannot be swept, and wishes that name nothing."""
     sweep, found, seen = config.sweep, [], []
+    if sweep.ensemble and config.ensemble.correlation is not None and sweep.design in SENSITIVITY:
+        rule = "random, sobol or latin: this method takes leaves for independent that ensemble.correlation ties"
+        found.append(agvjax.Problem("sweep.design", sweep.design, rule))
     for table in sweep.over:
         if len({span.points for span in table.values()}) != 1:
             shown = {name: span.points for name, span in table.items()}

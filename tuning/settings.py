@@ -12,9 +12,10 @@ import agvjax
 from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
 from agvjax.simulate import DT, N_STEPS
 
-from .ensemble import Between, Draw, Span, Times, default_draws
+from .ensemble import Between, Correlation, Draw, Span, Times, default_draws
 from .objective import METRICS, Objective, Requirement
 from .optimise import Tuner
+from .recordings import Column
 from .worst import Adversary
 
 VERSION = 1  # of the file format
@@ -25,7 +26,7 @@ def _whole(low: int, high: float, most: str) -> Rule:
 
 
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
-STARTS, ROUNDS = _whole(1, 1000, "1000"), _whole(0, 100, "100")
+STARTS, ROUNDS, DRIVES = _whole(1, 1000, "1000"), _whole(0, 100, "100"), _whole(0, 4096, "4096")
 SWEPT = _whole(1, 1e9, "10^9")
 MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
@@ -58,6 +59,7 @@ class Ensemble:
     validation_size: int = number(256, "1", MANY)
     fresh: bool = False  # tune on scenarios drawn anew every iteration; judge, and rank, on a fixed set all the same
     draws: dict[str, Draw] = dataclasses.field(default_factory=default_draws)
+    correlation: Correlation | None = None  # of some of them
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -182,6 +184,26 @@ class Sweep:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Identify:
+    """How a log is read and fitted, and what a drive that is suggested may do."""
+
+    fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
+    columns: dict[str, Column] = dataclasses.field(default_factory=dict)  # of the log, where they have other names
+    segment: float = number(2.0, "s, of a stretch that begins in a state of its own", POSITIVE)
+    memory: float = number(0.5, "s, for which actuators remember commands", POSITIVE)
+    gap: float = number(5.0, "usual steps between rows", FACTOR)
+    outlier: float = number(6.0, "standard deviations", FACTOR)
+    starts: int = number(4, "1", STARTS)
+    bootstrap: int = number(1000, "resampled logs", MANY)
+    horizon: float = number(5.0, "s, for which another log is predicted", POSITIVE)
+    drives: int = number(32, "candidates, 0 for no suggestion", DRIVES)
+    speed: float = number(0.6, "m/s, of a suggested drive at most", POSITIVE)
+    yaw_rate: float = number(1.2, "rad/s, of a suggested drive at most", POSITIVE)
+    extent: float = number(5.0, "m, of the room that a suggested drive takes", POSITIVE)
+    duration: float = number(60.0, "s, of a suggested drive", POSITIVE)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Config:
     """Everything a command needs to know."""
 
@@ -195,6 +217,7 @@ class Config:
     tune: Tune = dataclasses.field(default_factory=Tune)
     pareto: Pareto = Pareto()
     sweep: Sweep = Sweep()
+    identify: Identify = dataclasses.field(default_factory=Identify)
 
 
 def steps_of(horizon: float, dt: float) -> int:

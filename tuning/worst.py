@@ -17,7 +17,7 @@ import agvjax
 from agvjax.leaves import get
 
 from .distributed import gathered
-from .ensemble import Draw, OneOf, box, sample
+from .ensemble import Correlated, Draw, OneOf, box, sample
 
 TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
@@ -43,6 +43,7 @@ class Box(NamedTuple):
     shapes: tuple[tuple[int, ...], ...]
     low: np.ndarray  # (D,)
     high: np.ndarray  # (D,)
+    mix: np.ndarray  # (D, D), how the sides make the leaves; the identity but for leaves that are drawn together
     moves: np.ndarray  # (D,), False where only some values are allowed
 
     @classmethod
@@ -53,12 +54,17 @@ class Box(NamedTuple):
         ends = [box(draws[name], value) for name, value in zip(names, nominal, strict=True)]
         low, high = (np.concatenate([np.ravel(end[side]) for end in ends]) for side in (0, 1))
         moves = [np.full(x.size, not isinstance(draws[n], OneOf)) for n, x in zip(names, nominal, strict=True)]
-        return cls(names, tuple(x.shape for x in nominal), low, high, np.concatenate(moves))
+        return cls(
+            names, tuple(x.shape for x in nominal), low, high, _mix(names, nominal, draws), np.concatenate(moves)
+        )
 
     def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Any]:
         """Leaves of B scenarios."""
-        low, width = (jnp.asarray(x, shares.dtype)[None] for x in (self.low, self.high - self.low))
-        flat = low + shares * width
+        low, high = (jnp.asarray(x, shares.dtype)[None] for x in (self.low, self.high))
+        plain = np.array_equal(self.mix, np.eye(len(self.mix)))
+        mixed = shares if plain else 0.5 + (shares - 0.5) @ jnp.asarray(self.mix.T, shares.dtype)
+        flat = low + mixed * (high - low)
+        flat = flat if plain else jnp.clip(flat, low, high)  # the factors' box is longer than the leaves' at corners
         cuts = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
         parts = jnp.split(flat, cuts, axis=1)
         return {n: x.reshape(-1, *shape) for n, x, shape in zip(self.names, parts, self.shapes, strict=True)}
@@ -68,7 +74,19 @@ class Box(NamedTuple):
         size = len(next(iter(leaves.values())))
         flat = np.concatenate([np.asarray(leaves[name], float).reshape(size, -1) for name in self.names], axis=1)
         width = self.high - self.low
-        return np.where(width > 0, (flat - self.low) / np.where(width > 0, width, 1.0), 0.5)
+        places = np.where(width > 0, (flat - self.low) / np.where(width > 0, width, 1.0), 0.5)
+        return 0.5 + np.linalg.solve(self.mix, (places - 0.5).T).T
+
+
+def _mix(names: Sequence[str], nominal: Sequence[np.ndarray], draws: Mapping[str, Draw]) -> np.ndarray:
+    """The rows of the Cholesky factor of leaves that are drawn together, numbers all; unit rows of the others."""
+    first = dict(zip(names, np.cumsum([0, *(x.size for x in nominal)]), strict=False))
+    mix = np.eye(sum(x.size for x in nominal))
+    for name in names:
+        draw = draws[name]
+        if isinstance(draw, Correlated):
+            mix[first[name], [first[leaf] for leaf in draw.leaves]] = draw.row
+    return mix
 
 
 @dataclasses.dataclass(frozen=True)

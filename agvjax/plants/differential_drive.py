@@ -61,8 +61,9 @@ class DifferentialDrive(Rolling):
     """Two driven wheels on one axle: M v' = (t_r + t_l) / R, I w' = (t_r - t_l) track / (2 R), less friction.
 
     Its centre of mass is on the axle. `mass` and `inertia` hold the wheels' own inertia too: mass + 2 J / R^2, and yaw
-    inertia + J track^2 / (2 R^2). Friction at each wheel is Coulomb's, smoothed below `creep`, and viscous. The
-    defaults are those of the robot in `tuning/vehicles/robot.xml`.
+    inertia + J track^2 / (2 R^2). Friction at each wheel is Coulomb's, smoothed below `creep`, and viscous. Casters
+    that slide, half of them ahead of the axle and half behind, resist along their own motion. The defaults are those of
+    the robot in `tuning/vehicles/robot.xml`, the friction of its casters counted at the wheels.
     """
 
     L: float = number(0.15, "m", POSITIVE, "eq. (2)")
@@ -73,6 +74,8 @@ class DifferentialDrive(Rolling):
     friction: float = number(0.1, "Nm", NONNEGATIVE, "Coulomb")
     viscous: float = number(0.01, "Nm s/rad", NONNEGATIVE)
     creep: float = number(0.1, "rad/s", POSITIVE, "wheel speed by which Coulomb friction has 76 % of its size")
+    caster_friction: float = number(0.0, "N", NONNEGATIVE, "Coulomb, of all casters together")
+    caster_distance: float = number(0.17, "m", POSITIVE, "of every caster from the middle of the axle")
     road_slope: Float[Array, "2"] = number((0.0, 0.0), "m/m, rise along x and y", shape=(2,))
     drive: TorqueDrive | SpeedDrive = TorqueDrive()
 
@@ -125,16 +128,25 @@ class DifferentialDrive(Rolling):
             drag = self.friction * jnp.tanh(turning / self.creep) + self.viscous * turning
             torques.append(self.drive.torque(delivered[name], turning) - drag)
         a, alpha = self._accelerations(*torques)
+        force, moment = self._casters(state.speed, state.yaw_rate)
+        a, alpha = a - force / self.mass, alpha - moment / self.inertia
         downhill, _ = into_body(-GRAVITY * jnp.asarray(self.road_slope), state.heading)  # the wheels hold it sideways
         return self.move(state, a + downhill, alpha, disturbance)
+
+    def _casters(self, speed: Any, yaw_rate: Any) -> tuple[Any, Any]:
+        """Force [N] along the heading and moment [Nm] with which casters resist; smoothed as at the wheels."""
+        side, slowest = yaw_rate * self.caster_distance, self.creep * self.wheel_radius
+        share = self.caster_friction / (speed**2 + side**2 + slowest**2) ** 0.5
+        return share * speed, share * side * self.caster_distance
 
     def needs(self, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> dict[str, np.ndarray]:
         """What must be delivered for speed v, yaw rate w and their rates."""
         inputs = {}
+        force, moment = self._casters(v, w)
         for name, turning, torque in zip(
             self.actuators,
             self.wheel_speeds(v, w),
-            self.wheel_torques(a, alpha),
+            self.wheel_torques(a + force / self.mass, alpha + moment / self.inertia),  # pyright: ignore
             strict=True,  # pyright: ignore
         ):
             drag = self.friction * np.tanh(turning / self.creep) + self.viscous * turning

@@ -16,7 +16,7 @@ from scipy.stats import qmc
 import agvjax
 from agvjax.leaves import get, unit_of
 
-from ..ensemble import TAIL, Distribution, Draw, OneOf, uniform
+from ..ensemble import TAIL, Correlated, Distribution, Draw, OneOf, together, uniform
 from ..settings import Config
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
@@ -54,7 +54,7 @@ class Axis(NamedTuple):
         """Where the points of a grid lie, (P,); of a distribution all but its tails."""
         if isinstance(self.targets[0].draw, OneOf):
             return (np.arange(self.points) + 0.5) / self.points
-        tail = TAIL if any(isinstance(target.draw, Distribution) for target in self.targets) else 0.0
+        tail = TAIL if any(isinstance(target.draw, (Distribution, Correlated)) for target in self.targets) else 0.0
         return np.linspace(tail, 1 - tail, self.points) if self.points > 1 else np.array([0.5])
 
 
@@ -133,13 +133,26 @@ class Design(NamedTuple):
         """Leaves of the scenarios from number `first`, each (count, ...)."""
         nominal = {leaf: self.nominal(leaf) for leaf in self.names}
         made = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
-        for axis, share in zip((*self.grid, *self.sampled), self.shares(first, count).T, strict=True):
+        for axis, share in zip((*self.grid, *self.sampled), self._tied(self.shares(first, count).T), strict=True):
             for target in axis.targets:
                 if self.method in SENSITIVITY and isinstance(target.draw, Distribution):
                     share = TAIL + (1 - 2 * TAIL) * share  # their points lie on the ends too
                 place = (slice(None),) if target.element is None else (slice(None), target.element)
                 made[target.leaf][place] = self.value(target, share)
         return made
+
+    def _tied(self, shares: np.ndarray) -> np.ndarray:
+        """Shares (axes, n) of sampled leaves that are drawn together, by the correlations of those among them."""
+        found, own = shares.copy(), {}
+        for i, axis in enumerate(self.sampled, len(self.grid)):
+            if isinstance(axis.targets[0].draw, Correlated):
+                own[axis.name] = i, axis.targets[0].draw
+        for name, (i, draw) in own.items():
+            rows = np.array([own[leaf][1].row for leaf in draw.leaves if leaf in own])
+            factor = np.linalg.cholesky(rows @ rows.T)
+            there = [leaf for leaf in draw.leaves if leaf in own]
+            found[i] = together(shares[[own[leaf][0] for leaf in there]], factor[there.index(name)].tolist())
+        return found
 
     def split(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Leaves of the controller, by their names in it, and of the scenario."""

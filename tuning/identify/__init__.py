@@ -1,0 +1,1 @@
+"""From a log to a scenario: what the actuators of a vehicle really do, and how surely that is known."""

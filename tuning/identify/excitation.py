@@ -1,0 +1,150 @@
+"""A drive that would tell deadzones best: forth and back and to both sides, its frequencies chosen for what they tell.
+
+Speed and yaw rate are sums of sines around 0, so that the vehicle stays where it is on the whole, uses both sides of
+every actuator, and crosses every level of command. The inputs are what the plant needs for that, its deadzones undone
+as far as they are known. Of many such drives the one is taken after which the deadzones would be known best.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import qmc
+
+from .fit import SETTLED, first_states, weighed
+from .log import Log
+from .model import Model, compiled
+from .parameters import Parameter
+from .segments import Segments, cut
+from .verdict import Z95, inverse
+
+SINES = 3  # in speed and in yaw rate
+SLOWEST, FASTEST = 0.3, 3.0  # rad/s
+LEAST, RISE = 0.3, 2.0  # of a sine's weight beside the others; s, from rest
+FAR = 1e12  # of what is worth nothing
+SHARES = (0.5, 1.0)  # of the allowed speed and yaw rate that a candidate may use
+
+
+class Drive(NamedTuple):
+    """A suggested drive, and what it would tell."""
+
+    t: np.ndarray  # (N,), s
+    commands: tuple[str, ...]
+    inputs: np.ndarray  # (N, m), to be held from row to row
+    path: np.ndarray  # (N, 2), m, where the scenario says that it leads
+    heading: np.ndarray  # (N,), rad
+    expected: dict[str, float]  # half of the 95 % interval that each parameter would have
+    candidates: int
+
+
+class Room(NamedTuple):
+    """What the drive may do."""
+
+    speed: float  # m/s
+    yaw_rate: float  # rad/s
+    limits: tuple[float, ...]  # of each command; infinite where none
+    extent: float  # m, along x and y; exceeded only where no candidate keeps to it
+    duration: float  # s
+    period: float  # s, between commands
+
+
+@dataclasses.dataclass(frozen=True)
+class Designer:
+    """Drives for one scenario, and what they would tell of its parameters p, measured with deviations `sigma` (C,)."""
+
+    model: Model
+    parameters: Sequence[Parameter]
+    p: np.ndarray
+    sigma: np.ndarray
+    room: Room
+    length: float  # of a stretch, s
+    memory: float  # of the actuators, s
+
+    @functools.cached_property
+    def predict(self) -> Callable[..., Any]:
+        """What a drive looks like; compiled once."""
+        return jax.jit(self.model.predict)
+
+    def suggest(self, candidates: int, seed: int, tick: Callable[[str], Any] = lambda text: None) -> Drive:
+        """The best of so many candidates."""
+        own = np.array([q.name.startswith("deadzone.") for q in self.parameters])
+        own = own if own.any() else ~own
+        size = np.maximum(np.abs(self.p), [max(q.floor, 1e-6) for q in self.parameters])
+        points = qmc.Sobol(2 * (3 * SINES + 1), rng=seed).random_base2(int(np.ceil(np.log2(max(candidates, 2)))))
+        scenario, best, worth = self.model.at(jnp.asarray(self.p)), None, np.inf
+        for k, share in enumerate(points[:candidates]):
+            t, inputs = candidate(scenario, self.room, share)
+            log = self.driven(t, inputs)
+            half = self.expected(log)
+            path = np.column_stack([log.measured["x"], log.measured["y"]])
+            beyond = max(float(np.ptp(path, axis=0).max()) - self.room.extent, 0.0)
+            value = float(np.mean((half / size)[own] ** 2)) if beyond == 0 else FAR * (1 + beyond)
+            if value < worth:
+                known = dict(zip((q.name for q in self.parameters), half.tolist(), strict=True))
+                best, worth = Drive(t, log.commands, inputs, path, log.measured["heading"], known, candidates), value
+            tick(f"drive {k + 1} of {candidates}")
+        assert best is not None
+        return best
+
+    def driven(self, t: np.ndarray, inputs: np.ndarray) -> Log:
+        """A drive from rest as the scenario has it: a log without noise."""
+        shape = (t.size, len(self.model.channels))
+        stretch = Segments(
+            t=t,
+            h=np.full(t.size, t[1] - t[0]),
+            inputs=inputs,
+            live=np.ones(t.size),
+            seen=np.zeros(shape),
+            weight=np.zeros(shape),
+            rows=np.arange(t.size),
+            log=np.zeros((), int),
+        )
+        still = self.model.start(jnp.array([0.0, 0.0, 0.0, 1e-6, 0.0]))
+        seen = np.asarray(self.predict(jnp.asarray(self.p), still, stretch))
+        return Log("drive", 0.0, t, inputs, self.model.commands, dict(zip(self.model.channels, seen.T, strict=True)))
+
+    def expected(self, log: Log) -> np.ndarray:
+        """Half of the 95 % interval of each parameter (P,) after a drive."""
+        segments = weighed(cut([log], self.length, self.memory, np.inf)[0], self.sigma)
+        states, sums = first_states(self.model, [log], segments), compiled(self.model)
+        for _ in range(SETTLED):
+            states = sums(self.p, states, segments).states
+        found = sums(self.p, states, segments)
+        width = np.array([q.width for q in self.parameters])
+        covariance = inverse(found.matrix.sum(axis=0) + np.diag(width**-2.0))
+        return Z95 * np.sqrt(np.diag(covariance))
+
+
+def candidate(scenario: Any, room: Room, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Instants and inputs of one candidate, from numbers in [0, 1)."""
+    t = np.arange(round(room.duration / room.period) + 1) * room.period
+    first, second = share.reshape(2, -1)
+    v, a = _sines(t, first, room.speed)
+    w, alpha = _sines(t, second, room.yaw_rate)
+    needed = scenario.plant.needs(v, w, a, alpha)
+    columns = []
+    for name, limit in zip(scenario.plant.actuators, room.limits, strict=True):
+        dead, d = scenario.deadzone[name], np.asarray(needed[name], float)
+        right = d / float(dead.slope_right) + float(dead.threshold_right)
+        left = d / float(dead.slope_left) - float(dead.threshold_left)
+        columns.append(np.clip(np.where(d > 0, right, left), -limit, limit))
+    return t, np.column_stack(columns)
+
+
+def _sines(t: np.ndarray, share: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """A sum of sines that begins at rest and stays within `most`, and its derivative."""
+    place, phase, weight = share[: 3 * SINES].reshape(3, SINES)
+    omega = SLOWEST * (FASTEST / SLOWEST) ** ((np.arange(SINES) + place) / SINES)
+    angle = omega * t[:, None] + 2 * np.pi * phase
+    weight = LEAST + weight
+    value, rate = np.sin(angle) @ weight, np.cos(angle) @ (weight * omega)
+    rise = np.clip(t / RISE, 0, 1)
+    value, rate = rise * value, rise * rate + np.where(t < RISE, value / RISE, 0.0)
+    size = most * (SHARES[0] + (SHARES[1] - SHARES[0]) * share[-1]) / np.abs(value).max()
+    return size * value, size * rate

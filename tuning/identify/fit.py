@@ -1,0 +1,269 @@
+"""The parameters under which a scenario looks most like a log: trust-region least squares over all stretches."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from .log import POSE, Log
+from .model import Model, Sums, compiled
+from .parameters import OMEGA, SINUSOID, Parameter, sinusoidal
+from .segments import Counts, Segments, noise
+
+SETTLED = 2  # steps in which the states of the stretches follow the parameters
+TRIALS, LAST = 40, 25  # evaluations of a search from one start, and of those that refine it
+ROUNDS = 3  # of leaving out what fits too badly, and of weighing the channels by what is left
+FASTEST, SCANNED = 2 * np.pi, 60.0  # rad/s and s: where and in how much of the log a frequency is looked for
+WORTH = 30.0  # what the sum of squares must fall by, in variances, for a frequency to be believed
+
+
+class Task(NamedTuple):
+    """What is to be fitted to what."""
+
+    logs: tuple[Log, ...]
+    one_clock: bool  # of all logs: a sinusoid in the disturbance has the same phase in all
+    segments: Segments
+    brief: Segments  # shorter ones: over them the starts end at the same place, over longer ones often not
+    counts: Counts
+    model: Model
+    parameters: tuple[Parameter, ...]
+
+
+class Fit(NamedTuple):
+    """The best parameters, and what they rest on."""
+
+    parameters: tuple[Parameter, ...]
+    p: np.ndarray  # (P,)
+    free: np.ndarray  # (P,), False for those that were left where they were
+    sums: Sums  # with weights 1 / sigma^2
+    segments: Segments
+    sigma: np.ndarray  # (C,), root mean square of what is left in each channel
+    counts: Counts
+    arrived: tuple[int, int]  # how many of how many starts ended at the best sum of squares, within 1 %
+    evaluations: int
+    model: Model
+    absent: Mapping[str, str]  # parameters that were left at 0 since nothing of them is there, and in words
+
+
+@dataclasses.dataclass
+class Search:
+    """One least-squares problem; remembers the states of the stretches where it was best."""
+
+    function: Callable[[Any, Any, Segments], Sums]
+    segments: Segments
+    parameters: Sequence[Parameter]
+    states: np.ndarray
+    evaluations: int = 0
+    best: float = np.inf
+    seen: tuple[bytes, Any, Sums] | None = None
+
+    def sums(self, p: np.ndarray) -> Sums:
+        """What all stretches say at p."""
+        if self.seen is not None and self.seen[0] == p.tobytes():
+            return self.seen[2]
+        states = self.states
+        for _ in range(SETTLED):
+            states = self.function(p, states, self.segments).states
+        found = self.function(p, states, self.segments)
+        self.evaluations += 1
+        if found.cost.sum() < self.best:
+            self.best, self.states = float(found.cost.sum()), found.states
+        self.seen = (p.tobytes(), None, found)
+        return found
+
+    def triangle(self, p: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and Jacobian of a small problem with the same sums of squares and products as the whole one."""
+        found, width = self.sums(p), np.array([q.width for q in self.parameters])
+        off = (p - np.array([q.nominal for q in self.parameters])) / width
+        H = found.matrix.sum(axis=0) + np.diag(width**-2.0)
+        g = found.slope.sum(axis=0) + off / width
+        H, g, c = H[np.ix_(free, free)], g[free], float(found.cost.sum() + off[free] @ off[free])
+        scale = np.sqrt(np.diag(H))
+        upper = np.linalg.cholesky(H / np.outer(scale, scale)).T
+        r = np.linalg.solve(upper.T, g / scale)
+        rest = np.sqrt(max(c - r @ r, 0.0))
+        return np.append(r, rest), np.vstack([upper * scale, np.zeros(len(g))])
+
+    def run(self, p: np.ndarray, free: np.ndarray, most: int) -> tuple[np.ndarray, float]:
+        """The best p with only the free ones moved, from p on."""
+        own = [q for q, moves in zip(self.parameters, free, strict=True) if moves]
+        low, high = np.array([q.low for q in own]), np.array([q.high for q in own])
+
+        def whole(x: np.ndarray) -> np.ndarray:
+            full = p.copy()
+            full[free] = x
+            return full
+
+        gap = 1e-6 * (high - low)
+        first = np.clip(p[free], low + gap, high - gap)
+        done = least_squares(
+            lambda x: self.triangle(whole(x), free)[0],
+            first,
+            jac=lambda x: self.triangle(whole(x), free)[1],  # pyright: ignore[reportArgumentType]
+            bounds=(low, high),
+            x_scale=np.array([q.width for q in own]),  # pyright: ignore[reportArgumentType]
+            ftol=1e-9,
+            xtol=1e-9,
+            gtol=1e-12,
+            max_nfev=most,
+        )
+        return whole(done.x), 2 * float(done.cost)
+
+
+def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.ndarray:
+    """A guess of every stretch's state (S, n), from straight lines through the first measurements."""
+    guesses = []
+    for rows, live, which in zip(segments.rows, segments.live, segments.log, strict=True):
+        log = logs[which]
+        own = rows[(rows >= 0) & (live > 0)]
+        own = own[log.t[own] < log.t[own[0]] + 0.3]
+        t, line = log.t[own] - log.t[own[0]], []
+        for name in POSE:
+            value = log.measured[name][own]
+            fine = np.isfinite(value)
+            value = np.unwrap(value[fine]) if name == "heading" else value[fine]
+            line.append(
+                np.polyfit(t[fine], value, 1) if fine.sum() > 2 else np.array([0.0, value[0] if value.size else 0.0])
+            )
+        (vx, x), (vy, y), (_, heading) = line
+        guesses.append([x, y, heading, vx, vy])
+    return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
+
+
+def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
+    """With weights by the variance of every channel."""
+    return segments._replace(weight=(segments.weight > 0) / sigma**2)
+
+
+def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str], Any] = lambda text: None) -> Fit:
+    """The best parameters from several starts; a frequency is looked for and kept only where it explains something."""
+    parameters, segments, model = task.parameters, task.segments, task.model
+    names = [q.name for q in parameters]
+    wavy = np.array([sinusoidal(name) for name in names])
+    sigma = noise(task.logs)
+    states = first_states(model, task.logs, task.brief)
+    search = Search(compiled(model), weighed(task.brief, sigma), parameters, states)
+    ends = []
+    for i, p in enumerate(_starts(parameters, wavy, starts, seed)):
+        search.best, search.states, search.seen = np.inf, states, None
+        ends.append(search.run(p, ~wavy, TRIALS))
+        tick(f"start {i + 1} of {starts}")
+    p, cost = min(ends, key=lambda end: end[1])
+    arrived, evaluations, free = sum(end[1] <= 1.01 * cost for end in ends), search.evaluations, ~wavy
+    states = first_states(model, task.logs, segments)
+    search = Search(search.function, weighed(segments, sigma), parameters, states, evaluations)
+    p, _ = search.run(p, free, TRIALS)
+    for k in range(ROUNDS):
+        search = _judged(search, p, outlier, k)
+        if k == 0 and wavy.any() and task.one_clock:
+            p, free = _sinusoid(search, p, wavy, names)
+        p, _ = search.run(p, free, LAST)
+        tick("refined")
+    left = int((segments.weight > 0).sum() - (search.segments.weight > 0).sum())
+    counts = task.counts._replace(outliers=task.counts.outliers + left)
+    sums = search.sums(p)
+    found = Fit(parameters, p, free, sums, search.segments, sigma, counts, (arrived, starts), 0, model, {})
+    return refitted(found, p, free, {}, search.evaluations)
+
+
+def refitted(
+    before: Fit, p: np.ndarray, free: np.ndarray, absent: Mapping[str, str], evaluations: int | None = None
+) -> Fit:
+    """The fit over the same measurements from p on with other parameters free, channels weighed by what is left."""
+    search = Search(compiled(before.model), before.segments, before.parameters, before.sums.states)
+    search.evaluations = before.evaluations if evaluations is None else evaluations
+    p, _ = search.run(p, free, LAST)
+    sums = search.sums(p)
+    sigma = _spread(sums.residual, before.segments.weight > 0)
+    final = Search(search.function, weighed(before.segments, sigma), before.parameters, sums.states)
+    final.evaluations = search.evaluations
+    sums = final.sums(p)
+    return before._replace(
+        p=p,
+        free=free,
+        sums=sums,
+        segments=final.segments,
+        sigma=sigma,
+        evaluations=final.evaluations,
+        absent={**before.absent, **absent},
+    )
+
+
+def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
+    """Nominal first, then Sobol points: slopes within three times, thresholds up to a half of the largest command."""
+    p = np.array([q.nominal for q in parameters])
+    p[wavy] = [q.nominal if q.name == OMEGA else 0.0 for q, w in zip(parameters, wavy, strict=True) if w]
+    shares = qmc.Sobol(len(p), rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[: count - 1]
+    found = [p]
+    for share in shares:
+        other = p.copy()
+        for i, q in enumerate(parameters):
+            last = q.name.rpartition(".")[2]
+            if last.startswith("threshold_") or last in ("time", "time_constant"):
+                other[i] = q.low + 0.5 * (q.high - q.low) * share[i]
+            elif last.startswith("slope_") or q.name.startswith("plant."):
+                reach = 3.0 if last.startswith("slope_") else 1.5
+                other[i] = np.clip(p[i] * reach ** (2 * share[i] - 1), q.low, q.high)
+        found.append(other)
+    return found
+
+
+def _spread(residual: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Root mean square of each channel (C,)."""
+    counted = np.maximum(kept.sum(axis=(0, 1)), 1)
+    return np.maximum(np.sqrt((residual**2 * kept).sum(axis=(0, 1)) / counted), 1e-9)
+
+
+def _judged(search: Search, p: np.ndarray, outlier: float, k: int) -> Search:
+    """The problem with what lies further off than `outlier` standard deviations left out, channels weighed anew."""
+    sums, kept = search.sums(p), search.segments.weight > 0
+    middle = np.array(
+        [
+            np.median(np.abs(sums.residual[..., c][kept[..., c]])) if kept[..., c].any() else 1.0
+            for c in range(kept.shape[-1])
+        ]
+    )
+    kept = kept & (np.abs(sums.residual) <= outlier * np.maximum(1.4826 * middle, 1e-9))
+    sigma = _spread(sums.residual, kept)
+    segments = search.segments._replace(weight=kept / sigma**2)
+    return Search(search.function, segments, search.parameters, sums.states, search.evaluations)
+
+
+def _sinusoid(search: Search, p: np.ndarray, wavy: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The frequency that explains most, and a fit with it; or none where it explains too little."""
+    linear = np.array([w and name.endswith(SINUSOID) for w, name in zip(wavy, names, strict=True)])
+    before = search.run(p, ~wavy, LAST)
+    plain, cost = before
+    at, begins = names.index(OMEGA), search.segments.t[:, 0]
+    span, early = search.segments.t.max() - begins.min(), begins < begins.min() + SCANNED
+    some = Search(
+        search.function, Segments(*(x[early] for x in search.segments)), search.parameters, search.states[early]
+    )
+    step = np.pi / min(span, SCANNED)
+    found = []
+    for omega in np.arange(step, FASTEST, step):
+        q = plain.copy()
+        q[at] = omega
+        sums = some.sums(q)
+        H, g = sums.matrix.sum(axis=0), sums.slope.sum(axis=0)
+        rest = ~wavy
+        solved = np.linalg.lstsq(H[np.ix_(rest, rest)], H[np.ix_(rest, linear)], rcond=1e-12)[0]
+        A = H[np.ix_(linear, linear)] - H[np.ix_(linear, rest)] @ solved
+        b = g[linear] - solved.T @ g[rest]
+        push = -np.linalg.lstsq(A, b, rcond=1e-10)[0]
+        found.append((float(-b @ push), omega, push))
+    _, omega, push = max(found, key=lambda row: row[0])
+    q = plain.copy()
+    q[at], q[linear] = omega, push
+    search.best = np.inf
+    after, lower = search.run(q, np.ones(len(p), bool), TRIALS)
+    if cost - lower < WORTH:
+        return plain, ~wavy
+    return after, np.ones(len(p), bool)

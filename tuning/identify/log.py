@@ -1,0 +1,212 @@
+"""A recorded drive: columns of a CSV file by our names and in SI units, and whether they can be what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import agvjax
+from agvjax import Problem
+
+from ..recordings import UNITS, Column, read
+
+POSE = ("x", "y", "heading")
+MEASURED = (*POSE, "vx", "vy", "speed", "yaw_rate", "steering_angle")  # m, m, rad, m/s, m/s, m/s, rad/s, rad
+LEAST_ROWS = 50
+
+
+class Log(NamedTuple):
+    """A drive. What was commanded in a row holds until the next one."""
+
+    name: str
+    origin: float  # s, the time of the first row by the clock of the file
+    t: np.ndarray  # (N,), s, since the first row, or since that of the first of several logs with one clock
+    inputs: np.ndarray  # (N, m), in the order of the plant's actuators
+    commands: tuple[str, ...]  # names of the inputs
+    measured: dict[str, np.ndarray]  # by channel (N,); NaN where nothing was measured
+
+    @property
+    def step(self) -> float:
+        """The usual time from row to row [s]."""
+        return float(np.median(np.diff(self.t)))
+
+
+def commands_of(plant: Any) -> tuple[str, ...]:
+    """The columns of a plant's inputs: the names of its actuators, two for one that takes a vector."""
+    state = plant.start(agvjax.Start())
+    zeros = {name: np.zeros(()) for name in plant.actuators} | ({"position": np.zeros(2)} if plant.feedthrough else {})
+    seen = plant.output(state, zeros)
+    asked = plant.allocate(agvjax.Command(position=np.zeros(2), heading=np.zeros(())), seen)  # pyright: ignore
+    names = []
+    for name in plant.actuators:
+        names += [name] if np.ndim(asked[name]) == 0 else [f"{name}_x", f"{name}_y"]
+    return tuple(names)
+
+
+def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.csv") -> Log:
+    """A log for a plant, its columns by their own names unless `columns` says others.
+
+    Raises:
+        agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
+    """
+    commands = commands_of(plant)
+    known = ("t", *MEASURED, *commands)
+    where = {name: columns.get(name, Column(name)) for name in known}
+    found = [
+        Problem(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(known)}")
+        for name in columns
+        if name not in known
+    ]
+    for name, place in columns.items():
+        if place.unit and place.unit not in UNITS:
+            found.append(Problem(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(UNITS)}"))
+    if found:
+        raise agvjax.InputError(found)
+    needed = [where[name].column for name in ("t", *POSE, *commands)]
+    optional = [where[name].column for name in MEASURED if name not in POSE]
+    missing = [where[name].column for name in columns if name in MEASURED]  # asked for by name, so it must be there
+    blank = [where[name].column for name in MEASURED]
+    try:
+        table = read(file, list(dict.fromkeys([*needed, *missing])), optional, LEAST_ROWS, where["t"].column, blank)
+    except ValueError as error:
+        rule = f"a log: a CSV file with {', '.join(needed)}, or others named in [identify.columns] ({error})"
+        raise agvjax.InputError([Problem(key, str(file), rule)]) from error
+    values = {n: table[p.column] * UNITS.get(p.unit, 1.0) for n, p in where.items() if p.column in table}
+    measured = {name: values[name] for name in MEASURED if name in values}
+    t = values["t"] - values["t"][0]
+    log = Log(
+        Path(file).name, float(values["t"][0]), t, np.column_stack([values[n] for n in commands]), commands, measured
+    )
+    if wrong := implausible(log, where, not getattr(plant, "commands_heading", True)):
+        raise agvjax.InputError(wrong)
+    return log
+
+
+def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Problem]:
+    """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
+    found: list[Problem] = []
+
+    def suspect(name: str, looks: str, why: str) -> None:
+        column, taken = where[name].column, where[name].unit or "SI"
+        rule = f"in the unit it is taken for: {why}; if it is in {looks}, say"
+        found.append(
+            Problem(
+                f"identify.columns.{name}",
+                f"{column} in {taken}",
+                f'{rule} {{ column = "{column}", unit = "{looks}" }}',
+            )
+        )
+
+    if log.step >= 1.0:
+        suspect("t", "ms", f"rows are {log.step:g} s apart, too far for a control loop")
+        return found
+    if log.step < 1e-4:
+        suspect("t", "s", f"rows are {log.step:g} s apart, closer than any control loop")
+        return found
+    x, y, heading = (log.measured[name] for name in POSE)
+    rows = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
+    if rows.sum() < LEAST_ROWS:
+        return [
+            Problem("LOG.csv", log.name, f"a log with at least {LEAST_ROWS} rows of a whole pose; it has {rows.sum()}")
+        ]
+    t, path, heading = log.t[rows], np.column_stack([x, y])[rows], heading[rows]
+    moved = _pace(t, path)
+    speed = float(np.median(moved[moved > np.quantile(moved, 0.5)])) if moved.size else 0.0
+    if speed > 60.0 and not {"vx", "vy", "speed"} & set(log.measured):
+        suspect("x", "mm", f"the vehicle would do {speed:.0f} m/s")
+    turns = np.abs(np.diff(heading))
+    if (
+        _degrees(path, heading, rolls)
+        or np.mean((turns > 180) & (turns <= 360.5)) > 0
+        and np.abs(heading).max() > 4 * np.pi
+    ):
+        suspect("heading", "deg", "as radians it fits neither the way the vehicle goes nor a whole turn")
+    shifted = {"vx": _smooth_rate(t, path[:, 0]), "vy": _smooth_rate(t, path[:, 1])}
+    if not found:
+        shifted["yaw_rate"] = _smooth_rate(t, np.unwrap(heading))
+        shifted["speed"] = np.hypot(shifted["vx"], shifted["vy"])
+    for name, rate in shifted.items():
+        if name in log.measured:
+            told = log.measured[name][rows]
+            fine = np.isfinite(told)
+            if name == "speed":
+                told = np.abs(told)
+            if guess := _unit_of(_ratio(told[fine], rate[fine]), name):
+                suspect(name, guess[0], guess[1])
+    return found
+
+
+def _pace(t: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Speed [m/s] over stretches of about a tenth of a second."""
+    every = max(1, round(0.1 / float(np.median(np.diff(t)))))
+    return np.linalg.norm(np.diff(path[::every], axis=0), axis=1) / np.diff(t[::every])
+
+
+def _smooth_rate(t: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Derivative by central differences over a few rows."""
+    wide = 3
+    rate = np.full(t.size, np.nan)
+    rate[wide:-wide] = (value[2 * wide :] - value[: -2 * wide]) / (t[2 * wide :] - t[: -2 * wide])
+    return rate
+
+
+def _ratio(told: np.ndarray, rate: np.ndarray) -> float:
+    """How many times larger what is told is than what the pose says, by their spread; 1 where there is nothing."""
+    fine = np.isfinite(told) & np.isfinite(rate)
+    if fine.sum() < LEAST_ROWS:
+        return 1.0
+    a, b = (np.quantile(np.abs(z[fine]), 0.8) for z in (told, rate))
+    return float(a / b) if a > 0 and b > 0 else 1.0
+
+
+def _unit_of(ratio: float, name: str) -> tuple[str, str] | None:
+    """The unit that a ratio to what the pose says betrays, and words for it."""
+    angle = name == "yaw_rate"
+    units = {180 / np.pi: "deg/s"} if angle else {1000.0: "mm/s", 3.6: "km/h"}
+    for factor, unit in units.items():
+        if factor / 1.5 < ratio < factor * 1.5:
+            return unit, f"it is {ratio:.3g} times what the pose says"
+    if not 0.1 < ratio < 10:
+        other = "t, x, y or heading" if ratio > 1 else "x and y, perhaps in mm,"
+        return (
+            "rad/s" if angle else "m/s"
+        ), f"it is {ratio:.3g} times what the pose says, so that {other} may be off too"
+    return None
+
+
+def _degrees(path: np.ndarray, heading: np.ndarray, rolls: bool) -> bool:
+    """Whether a heading fits the way the vehicle goes, forwards or backwards, in degrees and not in radians."""
+    if not rolls:
+        return False
+    picked, last = [], 0  # ends of stretches of at least 5 % of the size of the path, so that noise does not count
+    least = 0.02 * float(np.ptp(path, axis=0).max())
+    for i in range(path.shape[0]):
+        if np.linalg.norm(path[i] - path[last]) >= max(least, 1e-9):
+            picked.append((last, i))
+            last = i
+    if len(picked) < 5:
+        return False
+    ends = np.array(picked)
+    way = np.arctan2(*(path[ends[:, 1]] - path[ends[:, 0]]).T[::-1])
+    middle = heading[ends.mean(axis=1).astype(int)]
+    off, off_degrees = (np.median(np.abs(np.sin(h - way))) for h in (middle, np.deg2rad(middle)))
+    return bool(off_degrees < 0.35 < off)
+
+
+def together(logs: Sequence[Log]) -> tuple[tuple[Log, ...], bool]:
+    """Several logs on one clock where they have one: then none begins before another has ended; and whether they do."""
+    order = sorted(logs, key=lambda log: log.origin)
+    one = all(a.origin + a.t[-1] < b.origin for a, b in zip(order[:-1], order[1:], strict=True))
+    if one:
+        logs = [log._replace(t=log.t + (log.origin - order[0].origin)) for log in logs]
+    return tuple(logs), one
+
+
+def same_channels(logs: Sequence[Log]) -> list[Problem]:
+    """Logs that do not measure what the first one does."""
+    first = tuple(logs[0].measured)
+    rule = f"a log with the same measurements as {logs[0].name}: {', '.join(first)}"
+    return [Problem("LOG.csv", log.name, rule) for log in logs[1:] if tuple(log.measured) != first]

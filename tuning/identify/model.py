@@ -1,0 +1,168 @@
+"""What a scenario says that a drive must have looked like: the plant under the logged inputs, stretch by stretch."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+import agvjax
+from agvjax import actuators, loop
+from agvjax.angle import wrap
+from agvjax.plants.protocol import into_body
+
+from .segments import Segments
+
+CHUNK = 16  # stretches computed together
+EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
+
+
+def channels(plant: Any, state: Any, delivered: dict[str, Any], names: Sequence[str]) -> Float[Array, " C"]:
+    """What is measured of a vehicle in some state, by channel."""
+    seen = plant.output(state, delivered)
+    along, _ = into_body(seen.velocity, seen.heading)
+    found = {"x": seen.position[0], "y": seen.position[1], "heading": seen.heading}
+    found |= {"vx": seen.velocity[0], "vy": seen.velocity[1], "speed": along, "yaw_rate": seen.yaw_rate}
+    return jnp.stack([seen.steering_angle if name == "steering_angle" else found[name] for name in names])
+
+
+class Model(NamedTuple):
+    """A scenario whose named leaves are parameters, and the measurements it is compared with."""
+
+    scenario: Any
+    names: tuple[str, ...]
+    channels: tuple[str, ...]
+    commands: tuple[str, ...]
+    substeps: int
+
+    def at(self, p: Float[Array, " P"]) -> Any:
+        """The scenario with these parameters."""
+        return agvjax.replace(self.scenario, dict(zip(self.names, p, strict=True)))
+
+    def start(self, measured: Float[Array, "5"]) -> Float[Array, " n"]:
+        """The plant's state, flat, for x, y, heading, vx, vy."""
+        start = agvjax.Start(position=measured[:2], velocity=measured[3:], heading=measured[2])  # pyright: ignore
+        return ravel_pytree(self.scenario.plant.start(start))[0]
+
+    def split(self, u: Float[Array, " m"]) -> dict[str, Any]:
+        """Inputs by actuator."""
+        found: dict[str, Any] = {}
+        for name in self.scenario.plant.actuators:
+            own = [i for i, c in enumerate(self.commands) if c == name or c in (f"{name}_x", f"{name}_y")]
+            found[name] = u[own[0]] if self.commands[own[0]] == name else u[jnp.array(own)]
+        return found
+
+    def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
+        """What would have been measured at the rows of one stretch that begins in state s."""
+        scenario = self.at(p)
+        plant = scenario.plant
+        zero = jnp.zeros((), s.dtype)
+        blank: Any = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)  # pyright: ignore
+        unflatten = ravel_pytree(plant.start(blank))[1]
+        parts = {name: loop.actuator(scenario, name) for name in plant.actuators}
+        begun = {
+            name: actuators.begin(part, u)
+            for (name, part), u in zip(parts.items(), self.split(stretch.inputs[0]).values(), strict=True)
+        }
+        flows, memories = ({name: pair[i] for name, pair in begun.items()} for i in (0, 1))
+
+        def row(carry: Any, now: Any) -> tuple[Any, Any]:
+            t, step, u, live = now
+            inputs, h = self.split(u), step / self.substeps
+
+            def rate(x: Any, signal: Any) -> Any:
+                (state, flow), (time, held) = x, signal
+                given = {n: actuators.deliver(part, flow[n], held[n], inputs[n]) for n, part in parts.items()}
+                delivered = {n: pair[0] for n, pair in given.items()}
+                moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
+                moved = jax.tree.map(lambda dx: live * dx, moved)
+                return (moved, {n: pair[1] for n, pair in given.items()}), delivered
+
+            def substep(carry: Any, k: Any) -> tuple[Any, Any]:
+                state, flow, held = carry
+                held = {n: _jump(part, flow[n], held[n], inputs[n], h) for n, part in parts.items()}
+                signals = [(t + (k + node) * h, held) for node in agvjax.RK4.nodes]
+                (after, flow), delivered = agvjax.RK4.advance(rate, (state, flow), h, signals)
+                return (after, flow, held), channels(plant, state, delivered, self.channels)
+
+            carry, seen = jax.lax.scan(substep, carry, jnp.arange(self.substeps).astype(s.dtype))
+            return carry, seen[0]
+
+        rows = (stretch.t, stretch.h, stretch.inputs, stretch.live)
+        return jax.lax.scan(row, (unflatten(s), flows, memories), rows)[1]
+
+    def residual(self, p: Any, s: Any, stretch: Segments) -> Float[Array, "K C"]:
+        """Measured less predicted, headings by the shorter way round."""
+        off = stretch.seen - self.predict(p, s, stretch)
+        turns = np.array([name == "heading" for name in self.channels])
+        return jnp.where(jnp.asarray(turns)[None], wrap(jnp.asarray(off)), off)
+
+
+def _jump(part: Any, flow: Any, held: Any, u: Any, h: Any) -> Any:
+    return part.jump(flow, held, u, h) if hasattr(part, "jump") else held
+
+
+class Sums(NamedTuple):
+    """What each stretch says of the parameters once its own state has been chosen best, S first."""
+
+    matrix: np.ndarray  # (S, P, P), Gauss-Newton, with the weights it was asked with
+    slope: np.ndarray  # (S, P), of half the sum of squares
+    cost: np.ndarray  # (S,), the sum of squares
+    states: np.ndarray  # (S, n), the states to begin in
+    residual: np.ndarray  # (S, K, C), unweighted
+
+
+@functools.lru_cache(2)
+def compiled(model: Model) -> Callable[[Any, Any, Segments], Sums]:
+    """(parameters (P,), states (S, n), stretches) -> what they say, the states one Gauss-Newton step better."""
+
+    def one(p: Any, s: Any, stretch: Segments) -> Any:
+        size, weight = p.size, jnp.sqrt(stretch.weight)
+
+        def off(z: Any) -> Any:
+            plain = model.residual(z[:size], z[size:], stretch)
+            return (weight * plain).ravel(), plain
+
+        r, J, plain = _with_jacobian(off, jnp.concatenate([p, s]))
+        both = jnp.concatenate([J[:, :size], r[:, None]], axis=1)
+        taken = _solve(J[:, size:], both)
+        left = both - J[:, size:] @ taken  # what the state cannot take up
+        H = left.T @ left
+        return Sums(H[:size, :size], H[:size, size], H[size, size], s - taken[:, size], plain)
+
+    chunk = jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
+
+    def run(p: Any, states: Any, stretches: Segments) -> Sums:
+        count, found = len(stretches.t), []
+        for first in range(0, count, CHUNK):  # of one shape, so that one compilation serves logs of any length
+            rows = np.minimum(np.arange(first, first + CHUNK), count - 1)
+            part = Segments(*(np.asarray(x)[rows] for x in stretches))
+            found.append(jax.device_get(chunk(jnp.asarray(p), jnp.asarray(states)[rows], part)))
+        return Sums(*(np.concatenate(x)[:count] for x in zip(*found, strict=True)))
+
+    return run
+
+
+def _with_jacobian(f: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Values (M,) of f, its Jacobian (M, Z) and what else it returns, in one pass."""
+
+    def along(side: Any) -> Any:
+        return jax.jvp(f, (z,), (side,), has_aux=True)
+
+    value, slopes, more = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(z.size, dtype=z.dtype))
+    return value, slopes, more
+
+
+def _solve(J: Any, b: Any) -> Any:
+    """Least squares by the normal equations, scaled; a column of zeros is left at 0."""
+    size = jnp.sqrt(jnp.sum(J**2, axis=0))
+    scale = jnp.where(size > 0, size, 1.0)
+    A = J / scale[None]
+    normal = A.T @ A + EASE * jnp.eye(J.shape[1], dtype=J.dtype)
+    return jnp.linalg.solve(normal, A.T @ b) / scale[:, None]

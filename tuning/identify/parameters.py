@@ -1,0 +1,141 @@
+"""What can be asked of a log: leaves of a scenario, by group or by name, with where to look for them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import agvjax
+from agvjax.leaves import get, leaves, rule_of, unit_of
+
+from .log import Log
+
+GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle")
+VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of the deadzones and are weighed instead
+    agvjax.Unicycle: ("L",),
+    agvjax.DifferentialDrive: ("L", "inertia", "friction", "viscous", "caster_friction"),
+    agvjax.KinematicSingleTrack: ("L",),
+}
+SINUSOID = ("cosine", "sine")
+LATEST, LONGEST = 0.15, 1.0  # s, of a delay and a lag
+SLOPES = (0.02, 50.0)
+ELEMENTS = {"delay": agvjax.Delay, "lag": agvjax.Lag}
+OMEGA = "disturbance.omega"
+
+
+class Parameter(NamedTuple):
+    """One number to be found."""
+
+    name: str
+    unit: str
+    nominal: float  # what is believed without the log
+    low: float
+    high: float
+    width: float  # how surely: a standard deviation, wide
+    floor: float  # an uncertainty below this is small whatever the value
+
+
+def prepared(scenario: Any, fit: Sequence[str], period: float) -> Any:
+    """The scenario with all that the groups ask for: an element in every actuator, a disturbance of one frequency."""
+    chains = dict(scenario.actuators)
+    for group, element in ELEMENTS.items():
+        for name in scenario.plant.actuators:
+            parts = dict(chains.get(name, {}))
+            if group in fit and not any(isinstance(part, element) for part in parts.values()):
+                parts = {group: element()} | parts
+            for key, part in parts.items():
+                if isinstance(part, agvjax.Delay):  # long enough a memory for the longest delay that is tried
+                    wanted = 2 + int(np.ceil(LATEST / period))
+                    start = (
+                        float(part.time) if name in scenario.actuators and key in scenario.actuators[name] else period
+                    )
+                    parts[key] = dataclasses.replace(part, slots=max(part.slots, wanted), time=start)
+            if parts:
+                chains[name] = agvjax.Chain(**parts)
+    wanted = any(name.startswith("disturbance") for name in fit)
+    kept = wanted and isinstance(scenario.disturbance, agvjax.Harmonic)
+    disturbance = scenario.disturbance if kept else agvjax.Harmonic() if wanted else agvjax.NoDisturbance()
+    return dataclasses.replace(scenario, actuators=chains, disturbance=disturbance, sensor=None)
+
+
+def named(scenario: Any, fit: Sequence[str]) -> tuple[str, ...]:
+    """The leaves that groups and names mean, each once."""
+    found: list[str] = []
+    known = leaves(scenario)
+    for entry in fit:
+        if entry == "deadzone":
+            found += [name for name in known if name.startswith("deadzone.")]
+        elif entry in ELEMENTS:
+            last = {"delay": "time", "lag": "time_constant"}[entry]
+            for name, chain in scenario.actuators.items():
+                found += [
+                    f"actuators.{name}.{key}.{last}" for key, x in chain.items() if isinstance(x, ELEMENTS[entry])
+                ]
+        elif entry == "disturbance":
+            found += [name for name in known if name.startswith("disturbance.") and name != "disturbance.phase"]
+        elif entry == "vehicle":
+            found += [f"plant.{name}" for name in VEHICLE.get(type(scenario.plant), ())]
+        else:
+            found.append(entry)
+    return tuple(dict.fromkeys(found))
+
+
+def problems(scenario: Any, fit: Sequence[str]) -> list[agvjax.Problem]:
+    """Entries of `identify.fit` that name nothing that can be fitted."""
+    known = {n: x for n, x in leaves(scenario).items() if not n.startswith(("start.", "path.", "sensor.", "limit"))}
+    groups = set(fit) & set(GROUPS)
+    wrong = [name for name in fit if name not in groups and (name not in known or np.ndim(known[name]))]
+    rule = f"a group, {', '.join(GROUPS)}, or a number of the scenario's plant, deadzone, actuators or disturbance"
+    return [agvjax.Problem("identify.fit", name, rule) for name in wrong]
+
+
+def parameters(scenario: Any, names: Sequence[str], logs: Sequence[Log], substep: float) -> tuple[Parameter, ...]:
+    """Where to look for each, by what it is and by what was commanded."""
+    return tuple(_parameter(scenario, name, logs, substep) for name in names)
+
+
+def largest(logs: Sequence[Log], name: str) -> float:
+    """The largest command that a deadzone's number is about: on its side, of its actuator."""
+    actuator = name.split(".")[1]
+    own = [i for i, c in enumerate(logs[0].commands) if c == actuator or c in (f"{actuator}_x", f"{actuator}_y")]
+    sign = -1.0 if name.endswith("left") else 1.0
+    return float(max(0.0, *((sign * log.inputs[:, own]).max() for log in logs)))
+
+
+def _parameter(scenario: Any, name: str, logs: Sequence[Log], substep: float) -> Parameter:
+    value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_of(scenario, name)
+    if last.startswith("slope_"):
+        return Parameter(name, unit, value, *SLOPES, max(1.0, value), 0.0)
+    if last.startswith("threshold_"):
+        most = max(largest(logs, name), 1e-3)
+        return Parameter(name, unit, min(value, 0.9 * most), 0.0, most, 0.5 * most, 0.05 * most)
+    if name.startswith("disturbance.") and last != "omega":
+        return Parameter(name, unit, value, -10.0, 10.0, 1.0, 0.02)
+    if name == OMEGA:
+        return Parameter(name, unit, value, 0.01, 30.0, 1.0, 0.0)
+    if name.startswith("actuators.") and last in ("time", "time_constant"):
+        low, high = (0.0, LATEST) if last == "time" else (substep / 2, LONGEST)
+        return Parameter(name, unit, float(np.clip(value, low + 1e-4, high)), low, high, 0.1, 0.5 * logs[0].step)
+    rule = rule_of(scenario, name)
+    sign = rule is not None and rule.low >= 0
+    size = abs(value) or 1.0
+    low = value - 20 * size if not sign else 0.02 * size if rule is not None and rule.text == "> 0" else 0.0
+    return Parameter(name, unit, value, low, value + 20 * size, size, 0.0)
+
+
+def values(parameters: Sequence[Parameter]) -> np.ndarray:
+    """Nominal values (P,)."""
+    return np.array([p.nominal for p in parameters])
+
+
+def sinusoidal(name: str) -> bool:
+    """Whether a parameter is about the disturbance's sinusoid."""
+    return name == OMEGA or (name.startswith("disturbance.") and name.endswith(SINUSOID))
+
+
+def by_name(parameters: Sequence[Parameter], p: np.ndarray) -> Mapping[str, float]:
+    """Values by name."""
+    return {q.name: float(x) for q, x in zip(parameters, p, strict=True)}

@@ -1,0 +1,98 @@
+"""What the log says, as the problem to tune for: the scenario it names, and an ensemble that is its uncertainty."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax.leaves import leaves
+
+from ..ensemble import Between, Correlation, Distribution, Draw, correlated, default_draws
+from ..settings import Config
+from .fit import Fit
+from .parameters import SINUSOID, sinusoidal
+from .verdict import Estimate, Verdict
+
+TAIL = 4.0  # standard deviations from its bound within which a parameter's distribution is cut off there
+SHRUNK = 1e-3  # by which correlations are drawn towards 0, so that their matrix has a factor
+CHANNELS = {"position": ("x", "y"), "velocity": ("vx", "vy"), "heading": ("heading",), "yaw_rate": ("yaw_rate",)}
+
+
+def posterior(config: Config, fit: Fit, verdict: Verdict) -> Config:
+    """The configuration with what was identified in place of what was assumed, and as its ensemble how surely.
+
+    What the log did not tell stays as it was assumed, with the draws that it had; a number of a deadzone that had none
+    is drawn within a half of it. The phase of a sinusoid is drawn: nobody knows when in it the next drive begins.
+    """
+    known = {e.name: e for e in verdict.estimates if e.identified}
+    scenario = agvjax.replace(_structure(config, fit, known), {name: e.value for name, e in known.items()})
+    draws: dict[str, Draw] = {
+        n: d for n, d in config.ensemble.draws.items() if n in leaves(scenario) and n not in known
+    }
+    assumed = default_draws(scenario.plant.actuators)
+    unknown = [e.name for e in verdict.estimates if not e.identified]
+    draws |= {name: assumed[name] for name in unknown if name in assumed and name not in draws}
+    low = {q.name: q.low for q in fit.parameters}
+    draws |= {name: distribution(e, low[name]) for name, e in known.items()}
+    if any(sinusoidal(name) and name.endswith(SINUSOID) for name in known):
+        draws["disturbance.phase"] = Between(0.0, float(2 * np.pi))
+    correlation = _correlation(verdict)
+    if correlation is not None:
+        draws = correlated(draws, correlation)
+    ensemble = dataclasses.replace(config.ensemble, draws=draws, correlation=correlation)
+    return dataclasses.replace(config, scenario=scenario, ensemble=ensemble, controller=_believing(config, scenario))
+
+
+def distribution(estimate: Estimate, low: float) -> Distribution:
+    """Normal, cut off at the parameter's bound where that is near."""
+    e = estimate
+    if e.value - TAIL * e.deviation > low:
+        return Distribution("norm", {"loc": e.value, "scale": e.deviation})
+    a = (low - e.value) / e.deviation
+    return Distribution("truncnorm", {"a": a, "b": max(TAIL, a + TAIL), "loc": e.value, "scale": e.deviation})
+
+
+def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
+    """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
+    fitted, before = fit.model.scenario, config.scenario
+    period = float(getattr(config.controller, "period", np.inf))
+    chains = {}
+    for name, chain in fitted.actuators.items():
+        parts = dict(chain)
+        for key, part in parts.items():
+            if isinstance(part, agvjax.Delay):
+                e = known.get(f"actuators.{name}.{key}.time")
+                longest = float(part.time) if e is None else e.value + TAIL * e.deviation
+                longest += float(part.jitter)
+                parts[key] = dataclasses.replace(
+                    part, slots=2 + int(np.ceil(longest / min(period, fit.segments.h.mean())))
+                )
+        chains[name] = agvjax.Chain(**parts)
+    disturbance = (
+        fitted.disturbance if any(n.startswith("disturbance.") for n in fit.model.names) else before.disturbance
+    )
+    sensor = before.sensor
+    if isinstance(sensor, agvjax.Noise):
+        sigma = dict(zip(fit.model.channels, fit.sigma, strict=True))
+        seen = {n: [sigma[c] for c in own if c in sigma] for n, own in CHANNELS.items()}
+        sensor = dataclasses.replace(sensor, **{n: float(np.mean(x)) for n, x in seen.items() if x})
+    return dataclasses.replace(before, actuators=chains, disturbance=disturbance, sensor=sensor)
+
+
+def _believing(config: Config, scenario: Any) -> Any:
+    """The controller, its computer taking the vehicle for what was identified."""
+    law = config.controller
+    same = hasattr(law, "vehicle") and type(law.vehicle) is type(scenario.plant)
+    return dataclasses.replace(law, vehicle=scenario.plant) if same else law
+
+
+def _correlation(verdict: Verdict) -> Correlation | None:
+    places = [i for i, e in enumerate(verdict.estimates) if e.identified]
+    if len(places) < 2:
+        return None
+    matrix = (1 - SHRUNK) * verdict.correlation[np.ix_(places, places)] + SHRUNK * np.eye(len(places))
+    matrix = (matrix + matrix.T) / 2
+    return Correlation(tuple(verdict.estimates[i].name for i in places), tuple(map(tuple, matrix.round(6).tolist())))

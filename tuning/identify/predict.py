@@ -1,0 +1,71 @@
+"""Another drive, predicted: a start from what was measured for a second, then nothing but the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .fit import Fit, first_states, weighed
+from .log import Log
+from .model import compiled
+from .parameters import SINUSOID, sinusoidal
+from .segments import cut
+
+SEEN = 1.0  # s, from which the state is found at which a prediction begins
+SETTLED = 6
+
+
+class Prediction(NamedTuple):
+    """How far from what was recorded the model leads in W windows."""
+
+    log: str
+    horizon: float  # s
+    windows: int
+    worst: float  # m, distance of the positions, largest within the horizon
+    rms: float  # m
+    ends: np.ndarray  # (W,), m, largest of each window
+    t: np.ndarray  # (K,), s since the prediction began
+    errors: np.ndarray  # (W, K), m; NaN where nothing was measured
+
+
+def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: float) -> list[Prediction]:
+    """Logs that the fit has not seen. A sinusoid of the disturbance is left out: its phase in another drive is unknown.
+
+    Raises:
+        ValueError: a log is too short for one window.
+    """
+    names = [q.name for q in fit.parameters]
+    waves = np.array([sinusoidal(name) and name.endswith(SINUSOID) for name in names])
+    p, function = np.where(waves, 0.0, fit.p), compiled(fit.model)
+    found = []
+    for log in logs:
+        segments, counts = cut([log], SEEN, memory, gap, ahead=horizon)
+        if not counts.segments:
+            raise ValueError(f"{log.name} is too short to predict {horizon:g} s of it")
+        states, weighted = first_states(fit.model, [log], segments), weighed(segments, fit.sigma)
+        for _ in range(SETTLED):
+            states = function(p, states, weighted).states
+        residual = function(p, states, weighted).residual
+        x, y = (fit.model.channels.index(name) for name in ("x", "y"))
+        measured = np.isfinite(log.measured["x"] + log.measured["y"])[np.maximum(segments.rows, 0)]
+        later = (segments.live > 0) & (segments.rows >= 0) & (segments.weight.max(axis=2) == 0) & measured
+        later &= segments.t >= segments.t[:, :1] + memory + SEEN - 1e-9  # and not only a gap in what was seen
+        error = np.where(later, np.hypot(residual[..., x], residual[..., y]), np.nan)
+        kept = [row[np.isfinite(row)] for row in error]
+        width = min(map(len, kept))
+        errors = np.array([row[:width] for row in kept])
+        found.append(
+            Prediction(
+                log.name,
+                horizon,
+                len(errors),
+                float(np.nanmax(error)),
+                float(np.sqrt(np.nanmean(error**2))),
+                np.nanmax(error, axis=1),
+                np.arange(1, width + 1) * log.step,
+                errors,
+            )
+        )
+    return found

@@ -1,0 +1,83 @@
+"""Logs, a scenario and wishes into a task for the fit; and what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax import InputError, Problem
+
+from ..settings import Config
+from . import log as logs
+from . import parameters as wanted
+from .fit import Task
+from .log import Log
+from .model import Model
+from .segments import cut, thinned, widened
+
+STEP = 0.0101  # s, the longest that is integrated at once
+LEAST_STRETCHES = 5
+BRIEF, SOME = 4, 64  # times shorter are the stretches that the starts are fitted to, and how many of them
+
+
+def check(config: Config) -> None:
+    """Is this a plant and a wish that a log can answer?
+
+    Raises:
+        agvjax.InputError: names every bad key.
+    """
+    found = wanted.problems(prepared(config, 0.02), config.identify.fit)
+    if config.precision != 64:
+        found.append(Problem("precision", config.precision, "64: intervals come from matrices too uneven for 32 bits"))
+    if not hasattr(config.scenario.plant, "needs"):
+        rule = "a vehicle: unicycle, differential_drive, kinematic_single_track, single_track"
+        found.append(Problem("scenario.plant", type(config.scenario.plant).__name__, rule))
+    if found:
+        raise InputError(found)
+
+
+def prepared(config: Config, step: float) -> Any:
+    """The scenario with the elements that the wishes are about."""
+    return wanted.prepared(config.scenario, config.identify.fit, step)
+
+
+def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
+    """Logs, and whether they have one clock.
+
+    Raises:
+        agvjax.InputError: names file, column and rule.
+    """
+    found = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
+    if wrong := logs.same_channels(found):
+        raise InputError(wrong)
+    return logs.together(found)
+
+
+def task(files: Sequence[str], config: Config) -> Task:
+    """All that the fit needs.
+
+    Raises:
+        agvjax.InputError: names every bad key, or the log and what is wrong with it.
+    """
+    read_logs, one_clock = read(files, config)
+    settings, first = config.identify, read_logs[0]
+    segments, counts = cut(read_logs, settings.segment, settings.memory, settings.gap)
+    if counts.segments < LEAST_STRETCHES:
+        rule = f"at least {LEAST_STRETCHES} stretches of identify.segment, {settings.segment:g} s, without gaps;"
+        raise InputError([Problem("LOG.csv", first.name, f"{rule} it has {counts.segments}")])
+    model = of(config, tuple(first.measured), first.commands, first.step)
+    substep = first.step / model.substeps
+    parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
+    brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
+    brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
+    return Task(read_logs, one_clock, segments, brief, counts, model, parameters)
+
+
+def of(config: Config, channels: tuple[str, ...], commands: tuple[str, ...], step: float) -> Model:
+    """The model that is fitted to rows `step` s apart."""
+    scenario = agvjax.check(prepared(config, step))
+    names = wanted.named(scenario, config.identify.fit)
+    return Model(scenario, names, channels, commands, max(1, int(np.ceil(step / STEP))))

@@ -1,0 +1,164 @@
+"""How surely each parameter is known: Gauss-Newton covariance, bootstrap over stretches, and what was not excited."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..settings import Identify
+from .fit import Fit, Task, fit, refitted
+from .parameters import OMEGA, Parameter, sinusoidal
+
+Z95 = 1.959964  # of a normal distribution
+PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
+FELT = 3.0  # standard deviations that its own size must change the log by, or it was not excited
+ALIKE = 0.8  # correlation from which two parameters are named together
+FEW = 10  # stretches below which the bootstrap says little
+
+
+class Estimate(NamedTuple):
+    """What the log says of one parameter."""
+
+    name: str
+    unit: str
+    value: float  # where the search ended; means nothing unless identified
+    deviation: float  # standard, the larger of the two below
+    gauss_newton: float
+    bootstrap: float
+    low: float  # of the 95 % interval
+    high: float
+    identified: bool
+    reason: str  # why not; empty where it is
+    drive: str  # what drive would tell; empty where none is needed
+
+
+class Verdict(NamedTuple):
+    """All estimates, and how they go together."""
+
+    estimates: tuple[Estimate, ...]
+    correlation: np.ndarray  # (P, P), of Gauss-Newton; unit rows for what was not free
+    white: dict[str, float]  # by channel the correlation of what is left with itself one row later
+    covariance: np.ndarray  # (P, P), Gauss-Newton
+
+
+def judge(fit: Fit, draws: int, seed: int) -> Verdict:
+    """Intervals and identifiability of every parameter."""
+    parameters, free = fit.parameters, fit.free
+    width = np.array([q.width for q in parameters])
+    H = fit.sums.matrix.sum(axis=0) + np.diag(width**-2.0)
+    covariance = np.zeros_like(H)
+    covariance[np.ix_(free, free)] = inverse(H[np.ix_(free, free)])
+    deviation = np.sqrt(np.diag(covariance))
+    again = bootstrap(fit, draws, seed)
+    scale = np.where(deviation > 0, deviation, 1.0)
+    correlation = covariance / np.outer(scale, scale)
+    np.fill_diagonal(correlation, 1.0)
+    felt = np.sqrt(np.diag(fit.sums.matrix.sum(axis=0)))
+    found = []
+    for i, q in enumerate(parameters):
+        found.append(_estimate(fit, i, q, deviation[i], again[i], felt[i], correlation[i]))
+    return Verdict(tuple(found), correlation, _white(fit), covariance)
+
+
+def identify(
+    task: Task, settings: Identify, seed: int, tick: Callable[[str], Any] = lambda text: None
+) -> tuple[Fit, Verdict]:
+    """Fit and judge; then once more without the constant pushes that may as well be 0."""
+    found = fit(task, settings.starts, settings.outlier, seed, tick)
+    verdict = judge(found, settings.bootstrap, seed)
+    absent = {
+        e.name: f"no constant push found, at most {max(abs(e.low), abs(e.high)):.2g}; taken as 0"
+        for e in verdict.estimates
+        if e.name.startswith("disturbance.") and e.name.endswith(".constant") and e.low <= 0 <= e.high
+    }
+    if not absent:
+        return found, verdict
+    gone = np.array([q.name in absent for q in found.parameters])
+    found = refitted(found, np.where(gone, 0.0, found.p), found.free & ~gone, absent)
+    return found, judge(found, settings.bootstrap, seed)
+
+
+def inverse(H: np.ndarray) -> np.ndarray:
+    """Of a positive definite matrix whose rows have very different sizes."""
+    scale = np.sqrt(np.diag(H))
+    return np.linalg.inv(H / np.outer(scale, scale)) / np.outer(scale, scale)
+
+
+def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
+    """Standard deviations (P,) over resampled stretches, one Gauss-Newton step each from the fit.
+
+    Stretches begin in states of their own, so that each is a sample of its own: errors that go together within one, by
+    what the model lacks, widen these deviations and not Gauss-Newton's.
+    """
+    rng = np.random.default_rng([seed, 0xB007])
+    width, free = np.array([q.width for q in fit.parameters]), fit.free
+    nominal = np.array([q.nominal for q in fit.parameters])
+    prior, pull = np.diag(width**-2.0), (fit.p - nominal) / width**2
+    count, found = len(fit.sums.cost), []
+    place = np.ix_(free, free)
+    for _ in range(draws):
+        times = np.bincount(rng.integers(count, size=count), minlength=count).astype(float)
+        H = np.tensordot(times, fit.sums.matrix, axes=1) + prior
+        g = times @ fit.sums.slope + pull
+        scale = np.sqrt(np.diag(H)[free])
+        found.append(-np.linalg.solve(H[place] / np.outer(scale, scale), g[free] / scale) / scale)
+    spread = np.zeros(len(fit.p))
+    spread[free] = np.std(found, axis=0, ddof=1) if draws > 1 else 0.0
+    return spread
+
+
+def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: float, row: np.ndarray) -> Estimate:
+    value = float(fit.p[i])
+    if not fit.free[i]:
+        reason = fit.absent.get(q.name, "no frequency in the disturbance explains what is left; taken as 0")
+        return Estimate(
+            q.name, q.unit, 0.0 if q.name != OMEGA else value, 0.0, 0.0, 0.0, np.nan, np.nan, False, reason, ""
+        )
+    deviation = max(own, again)
+    half = Z95 * deviation
+    size = max(abs(value), q.floor)
+    identified, reason, drive = half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
+    if not identified and felt * size < FELT:
+        reason, drive = "never excited: with any value the log would look the same", advice(q.name)
+    elif not identified:
+        others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
+        reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
+        drive = advice(q.name)
+    at_bound = value - q.low < 1e-3 * (q.high - q.low) and q.low > 0 or q.high - value < 1e-3 * (q.high - q.low)
+    if identified and at_bound:
+        identified, reason = (
+            False,
+            f"ends at {value:.4g}, the edge of where it was looked for: another unit, or a wrong model?",
+        )
+    low, high = max(value - half, q.low), min(value + half, q.high)
+    return Estimate(q.name, q.unit, value, deviation, own, again, low, high, bool(identified), reason, drive)
+
+
+def advice(name: str) -> str:
+    """What drive would tell a parameter."""
+    head, _, last = name.rpartition(".")
+    if head.startswith("deadzone."):
+        actuator, side = head.split(".")[1], "positive" if last.endswith("right") else "negative"
+        return f"{side} commands of {actuator} at several levels, some just beyond the threshold"
+    if last in ("time", "time_constant"):
+        return f"steps of {name.split('.')[1]} up and down"
+    if sinusoidal(name):
+        return "a drive of several periods of the disturbance"
+    if last in ("friction", "viscous", "creep"):
+        return "forwards and backwards, at several speeds"
+    if head == "plant":
+        return "turns to both sides while driving"
+    return "a longer drive, in several headings"
+
+
+def _white(fit: Fit) -> dict[str, float]:
+    """What is left, row by row: correlation with the row before."""
+    found, kept = {}, fit.segments.weight > 0
+    for c, name in enumerate(fit.model.channels):
+        left = np.where(kept[..., c], fit.sums.residual[..., c], 0.0)
+        both = kept[:, 1:, c] & kept[:, :-1, c]
+        square = (left**2).sum() / max(kept[..., c].sum(), 1)
+        found[name] = float((left[:, 1:] * left[:, :-1] * both).sum() / max(both.sum(), 1) / max(square, 1e-30))
+    return found
