@@ -131,6 +131,7 @@ CHEAPER: dict[str, Callable[..., Any]] = {
     "min": _extreme(lax.min_p, lax.lt_p),
 }
 REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": lax.add_p}
+REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}
 
 
 def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list[Numbers]:

@@ -27,7 +27,7 @@ def test_the_filter_is_stepped_by_the_exponential_of_its_matrix(law, power, omeg
     start, rest, period = np.array([0.3, -0.7]), 0.9, 0.02
     if power == 2:
         period = 0.002
-    exact = np.array([rest, 0]) + expm(M * period) @ (start - np.array([rest, 0]))
+    exact = np.array([rest, 0]) + expm(M * period) @ (start - np.array([rest, 0])) - start
     found = law.held(*(jnp.array(x) for x in (*start, rest, 0.0, omega_n, zeta, period)))
     np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-12 * np.abs(exact).max())
 

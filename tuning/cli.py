@@ -11,7 +11,7 @@ from typing import Any
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare | vehicles`."""
+    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare | vehicles | identify | export`."""
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
@@ -58,6 +58,12 @@ def parser() -> argparse.ArgumentParser:
         "vehicles", parents=[common], help="unicycle, car and robot with limits, delay and sampling; tuned and judged"
     )
     _identify(commands, common)
+    export = commands.add_parser(
+        "export", parents=[common], help="the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO"
+    )
+    export.add_argument("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it")
+    export.add_argument("--format", choices=("c", "numpy", "ros2", "stablehlo"), required=True)
+    export.add_argument("--name", help="of files, functions and package")
     return top
 
 

@@ -17,6 +17,7 @@ from .optimise import SEQUENTIAL
 from .settings import EXPORTS, Config, Tune
 from .sweep.design import LAW, SENSITIVITY, design, element_of
 
+UNTUNED = ("simulate", "identify", "export")  # commands without a tuning problem
 MOST_STEPS = 1e8
 LEAST_LIMIT = 1e-9
 MOST_SCENARIOS = 10**9
@@ -38,7 +39,7 @@ def problems(config: Config, command: str) -> list[agvjax.Problem]:
         found += _swept(config) if not found else []
         found += _timing(config, "sweep", config.sweep) if not found else []
         found += _wished(config)
-    elif command != "simulate":
+    elif command not in UNTUNED:
         found += _names(config)
         if not found:
             found += _timing(config, "tune", config.tune) + _boxes(config)

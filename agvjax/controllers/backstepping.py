@@ -171,15 +171,15 @@ class Backstepping:
         """
         alpha1, alpha1_rate = self._virtual(s, measurement, reference)
         alpha1, met = _bounded(alpha1, reference.velocity, limit)
-        phi1, phi2 = self.filter.held(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta, period)  # pyright: ignore
-        command, rate = self._respond(s, measurement, reference, alpha1, (phi1 - s.phi1) / period, phi2)
+        moved1, moved2 = self.filter.held(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta, period)  # pyright: ignore
+        command, rate = self._respond(s, measurement, reference, alpha1, moved1 / period, moved2)
 
         def faded(state: Any, slope: Any, decay: Any) -> Any:
             return jax.tree.map(lambda x, dx, k: x - jnp.expm1(-k * period) / k * dx, state, slope, decay)
 
         later = BacksteppingState(
-            phi1=phi1,
-            phi2=phi2,
+            phi1=s.phi1 + moved1,
+            phi2=s.phi2 + moved2,
             xi1=faded(s.xi1, rate.xi1, self.k1),
             xi2=faded(s.xi2, rate.xi2, self.k2),
             beta1=s.beta1 + period * rate.beta1,

@@ -22,7 +22,7 @@ class CommandFilter:
     def held(
         self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
     ) -> tuple[Array, Array]:
-        """phi1 and phi2 a `period` [s] later, exactly, for an alpha1 that is held."""
+        """By how much phi1 and phi2 change over a `period` [s], exactly, for an alpha1 that is held."""
         return _second_order(phi1, phi2, alpha1, omega_n, omega_n, zeta * omega_n, period)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
@@ -43,7 +43,7 @@ class LiteralFilter:
     def held(
         self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
     ) -> tuple[Array, Array]:
-        """phi1 and phi2 a `period` [s] later, exactly, for an alpha1 that is held."""
+        """By how much phi1 and phi2 change over a `period` [s], exactly, for an alpha1 that is held."""
         return _second_order(phi1, phi2, alpha1, omega_n, omega_n**2, zeta * omega_n, period)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
@@ -54,27 +54,29 @@ class LiteralFilter:
 def _second_order(
     x: Array, y: Array, rest: Array, p: Array, q: Array, decay: Array, period: Array
 ) -> tuple[Array, Array]:
-    """Solution of x' = p y, y' = -2 decay y - q (x - rest) after a `period`.
+    """How far x and y move in a `period` by x' = p y, y' = -2 decay y - q (x - rest).
 
     M = [[0, p], [-q, -2 decay]] has expm(M T) = e^(-decay T) (C + S T (M + decay)) with C = cos d, S = sin(d) / d and
-    d^2 = (p q - decay^2) T^2; hyperbolic where that is negative, and smooth where it is 0, at the damping 1.
+    d^2 = (p q - decay^2) T^2; hyperbolic where that is negative, and smooth where it is 0, at the damping 1. Written
+    for the change alone: a law divides it by T, which would multiply the rounding of a difference.
     """
     d2 = (p * q - decay**2) * period**2
-    C, S = _cosine_and_sinc(d2)
-    off, fade = x - rest, jnp.exp(-decay * period)
+    less, S = _cosine_less_one_and_sinc(d2)
+    off, fade, lost = x - rest, jnp.exp(-decay * period), jnp.expm1(-decay * period)
+    stay = less + lost + less * lost  # e^(-decay T) C - 1
     inner, outer = off * decay + p * y, -q * off - decay * y
-    return rest + fade * (C * off + S * period * inner), fade * (C * y + S * period * outer)
+    return stay * off + fade * S * period * inner, stay * y + fade * S * period * outer
 
 
-def _cosine_and_sinc(d2: Array) -> tuple[Array, Array]:
-    """cos(d) and sin(d) / d as functions of d^2, which may be negative."""
+def _cosine_less_one_and_sinc(d2: Array) -> tuple[Array, Array]:
+    """cos(d) - 1 and sin(d) / d as functions of d^2, which may be negative."""
     small = jnp.abs(d2) < 1e-2
     size = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(d2)))
-    C = jnp.where(d2 > 0, jnp.cos(size), jnp.cosh(size))
+    less = jnp.where(d2 > 0, -2 * jnp.sin(size / 2) ** 2, 2 * jnp.sinh(size / 2) ** 2)
     S = jnp.where(d2 > 0, jnp.sin(size), jnp.sinh(size)) / size
-    near = 1 - d2 / 2 * (1 - d2 / 12 * (1 - d2 / 30 * (1 - d2 / 56 * (1 - d2 / 90))))
+    near = -d2 / 2 * (1 - d2 / 12 * (1 - d2 / 30 * (1 - d2 / 56 * (1 - d2 / 90))))
     near_S = 1 - d2 / 6 * (1 - d2 / 20 * (1 - d2 / 42 * (1 - d2 / 72 * (1 - d2 / 110))))
-    return jnp.where(small, near, C), jnp.where(small, near_S, S)
+    return jnp.where(small, near, less), jnp.where(small, near_S, S)
 
 
 @pytree
@@ -90,8 +92,8 @@ class NoFilter:
     def held(
         self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
     ) -> tuple[Array, Array]:
-        """Where alpha1 will be a `period` [s] later, by its rate."""
-        return alpha1 + period * alpha1_rate, phi2
+        """From phi1 to where alpha1 will be a `period` [s] later, by its rate."""
+        return alpha1 - phi1 + period * alpha1_rate, jnp.zeros_like(phi2)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """None."""

@@ -1,0 +1,398 @@
+"""The exported step beside the JAX one: C by the compiler's own judgement, NumPy, StableHLO, what they carry."""
+
+import ast
+import dataclasses
+import functools
+import hashlib
+import json
+import shutil
+import subprocess
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import agvjax
+from agvjax.path import reference
+from tuning import config as configuration
+from tuning.cli import main
+from tuning.config import gains_table
+from tuning.export import artefact, c, numpy_file, program, stablehlo
+from tuning.export.vectors import row
+
+FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+LIMITED = agvjax.Sampled(
+    inner=agvjax.NeuroBackstepping(k1=3.0, k2=10.0, Lam=2.0, omega_n=30.0),
+    vehicle=agvjax.Unicycle(),
+    anti_windup=agvjax.BackCalculation(speed=0.8, limits=np.array([3.0, 6.0])),
+)
+LAWS = {
+    "limited": LIMITED,
+    "paper": agvjax.Sampled(),
+    "torques": dataclasses.replace(LIMITED, vehicle=agvjax.DifferentialDrive()),
+    "car": dataclasses.replace(LIMITED, vehicle=agvjax.SingleTrack()),
+    "full_weight": agvjax.Sampled(inner=agvjax.FullWeightBackstepping(), vehicle=agvjax.Unicycle()),
+    "osfc": agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle()),
+    "stateless": agvjax.Sampled(inner=agvjax.FTSMC(), vehicle=agvjax.Unicycle()),
+}
+DRIVER = r"""
+#include <stdio.h>
+#include "law.h"
+#include "vectors.h"
+/* rows of doubles in, rows of results out: the test's own reading of the structures */
+static law_real numbers[64];
+static law_state state;
+static law_measurement measurement;
+static law_reference reference;
+static law_output output;
+static void take(law_real *into, int count) {
+    double x; int i;
+    for (i = 0; i < count; i++) { if (fread(&x, sizeof x, 1, stdin) != 1) return; into[i] = (law_real)x; }
+}
+int main(void) {
+    int rows, k, i; double x;
+    if (scanf("%d\n", &rows) != 1) return 2;
+    for (k = 0; k < rows; k++) {
+        const law_real *put = (const law_real *)(const void *)&state;
+        take((law_real *)(void *)&state, STATE);
+        take((law_real *)(void *)&measurement, MEASUREMENT);
+        take((law_real *)(void *)&reference, REFERENCE);
+        law_step(&law_tuned, &state, &measurement, &reference, &output);
+        for (i = 0; i + 1 <= STATE; i++) { x = (double)put[i]; fwrite(&x, sizeof x, 1, stdout); }
+        put = (const law_real *)(const void *)&output;
+        for (i = 0; i < RESULTS - STATE; i++) { x = (double)put[i]; fwrite(&x, sizeof x, 1, stdout); }
+        x = (double)output.limited; fwrite(&x, sizeof x, 1, stdout);
+    }
+    (void)numbers;
+    return 0;
+}
+"""
+
+
+@functools.cache
+def exported(name, folder):
+    """The artefact of a law, through a file."""
+    file = folder / f"{name}.toml"
+    file.write_text(gains_table(LAWS[name]))
+    return artefact.read(str(file))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("export")
+
+
+def given(law, count, seed=0):
+    """Random states, measurements, references, from near rest to a deviation of 1 m, 1 m/s, 1 rad."""
+    rng, shapes = np.random.default_rng(seed), program.examples(law)
+    size = 10 ** rng.uniform(-3, 0, count)
+    return jax.tree.map(
+        lambda x: jnp.asarray(np.moveaxis(rng.normal(size=(*np.shape(x), count)) * size, -1, 0)), shapes
+    )
+
+
+def flat(trees, count):
+    return np.concatenate([np.asarray(x, float).reshape(count, -1) for x in jax.tree.leaves(trees)], axis=1)
+
+
+def by_jax(law, inputs, count):
+    """Rows of what the JAX step makes of them: state, inputs, whether limited."""
+    done = jax.jit(jax.vmap(lambda *x: law.step(*x)))(*inputs)
+    return flat((done.law, done.command.inputs, done.limited), count)
+
+
+def compiled(found, folder, *options, main="driver.c"):
+    """A program made of the exported C and a driver."""
+    for name, text in c.files(found, "law").items():
+        (folder / name).write_text(text)
+    (folder / "driver.c").write_text(DRIVER)
+    program = folder / f"run{len(list(folder.iterdir()))}"
+    command = ["gcc", *FLAGS, *options, "-o", str(program), "law.c", main, "-lm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return str(program)
+
+
+def by_c(program, rows, results):
+    done = subprocess.run([program], input=f"{len(rows)}\n".encode() + rows.tobytes(), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return np.frombuffer(done.stdout).reshape(len(rows), results)
+
+
+def deviation(got, wanted):
+    """Of each row: the largest error relative to its largest number, or 1."""
+    size = np.maximum(np.abs(wanted).max(axis=1), 1.0)
+    return np.abs(got - wanted).max(axis=1) / size
+
+
+# ---- C
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in ("paper", "osfc", "full_weight") else []) for n in LAWS]
+)
+def test_c_agrees_on_ten_thousand_random_inputs(name, folder, tmp_path):
+    found = exported(name, folder)
+    inputs = given(found.controller, 10_000)
+    wanted, rows = by_jax(found.controller, inputs, 10_000), flat(inputs, 10_000)
+    got = by_c(compiled(found, tmp_path), rows, wanted.shape[1])
+    assert np.array_equal(got[:, -1], wanted[:, -1])
+    assert deviation(got, wanted).max() < 1e-12
+    single = rows.astype(np.float32).astype(float)  # what a float controller is given, given to both
+    leaves, tree = jax.tree.flatten(inputs)
+    cuts = np.cumsum([int(np.prod(x.shape[1:])) for x in leaves])[:-1]
+    parts = [jnp.asarray(p.reshape(x.shape)) for p, x in zip(np.split(single, cuts, axis=1), leaves, strict=True)]
+    wanted = by_jax(found.controller, jax.tree.unflatten(tree, parts), 10_000)
+    got = by_c(
+        compiled(found, tmp_path, "-DLAW_FLOAT", "-Wdouble-promotion", "-Wfloat-conversion"), rows, wanted.shape[1]
+    )
+    clear = got[:, -1] == wanted[:, -1]  # at the very edge of a limit the two may differ
+    assert clear.mean() > 0.999 and deviation(got[clear], wanted[clear]).max() < 1e-5
+
+
+@needs_gcc
+def test_both_sides_of_every_limit_are_among_the_random_inputs(folder):
+    law = exported("limited", folder).controller
+    limited = by_jax(law, given(law, 10_000), 10_000)[:, -1]
+    assert 0.05 < limited.mean() < 0.999
+
+
+@needs_gcc
+def test_c_is_clean_under_the_sanitizers_and_its_self_test_passes(folder, tmp_path):
+    sanitized = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    for options in (sanitized, [*sanitized, "-DLAW_FLOAT"]):
+        program = compiled(exported("limited", folder), tmp_path, *options, main="main.c")
+        done = subprocess.run([program], capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and "64 steps" in done.stdout, done.stdout + done.stderr
+
+
+@needs_gcc
+def test_the_self_test_notices_a_wrong_gain(folder, tmp_path):
+    compiled(exported("limited", folder), tmp_path)
+    text = (tmp_path / "law.c").read_text()
+    (tmp_path / "law.c").write_text(text.replace("LAW_R(3.0), /* inner.k1 */", "LAW_R(3.0001), /* inner.k1 */"))
+    command = ["gcc", *FLAGS, "-o", "wrong", "law.c", "main.c", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert subprocess.run([str(tmp_path / "wrong")], capture_output=True, check=False).returncode == 1
+
+
+def test_c_needs_math_alone(folder):
+    text = c.files(exported("limited", folder), "law")["law.c"]
+    assert {line for line in text.splitlines() if line.startswith("#include")} == {
+        '#include "law.h"',
+        "#include <math.h>",
+    }
+    assert "malloc" not in text and "static" not in text
+
+
+# ---- a whole drive in closed loop
+
+
+def drive(step, law, scenario, periods):
+    """The plant of the scenario in steps of 5 ms under what `step(measurement, reference)` asks for, held."""
+    plant, state = scenario.plant, scenario.plant.start(scenario.start)
+    places = []
+
+    @jax.jit
+    def moved(state, inputs, t):
+        delivered = {name: scenario.deadzone[name](u) for name, u in inputs.items()}
+
+        def rate(x, time):
+            return plant.derivative(x, (), delivered, scenario.disturbance(time)), None
+
+        h = 5e-3
+        for k in range(4):
+            times = (t + k * h, t + (k + 0.5) * h, t + (k + 1) * h)
+            state, _ = agvjax.RK4.advance(rate, state, h, times)
+        return state
+
+    zeros = {name: jnp.zeros(()) for name in plant.actuators}
+    for k in range(periods):
+        t = jnp.asarray(0.02 * k)
+        seen = plant.output(state, zeros)
+        places.append(np.asarray(seen.position))
+        inputs = step(seen, reference(scenario.path, scenario.heading, t))
+        state = moved(state, {name: jnp.asarray(inputs[name]) for name in plant.actuators}, t)
+    return np.array(places)
+
+
+def plain(tree):
+    return {name: np.asarray(x) for name, x in vars(tree).items() if x is not None}
+
+
+SCENE = agvjax.Scenario.of(agvjax.Unicycle(), heading=agvjax.Tangent())
+
+
+@functools.cache
+def simulated():
+    run = agvjax.simulate(LIMITED, SCENE, dt=5e-3, n_steps=1200, save_every=4)
+    assert bool(np.any(run.limited)) and run.ok
+    return np.asarray(run.position)[:-1]
+
+
+def test_numpy_drives_as_the_simulator_does(folder):
+    space = {}
+    exec(numpy_file.files(exported("limited", folder))["agv_controller.py"], space)
+    controller = space["Controller"]()
+    places = drive(lambda m, r: controller.step(plain(m), plain(r)), LIMITED, SCENE, 300)
+    assert np.abs(places - simulated()).max() < 1e-9
+
+
+@needs_gcc
+def test_c_drives_as_the_simulator_does(folder, tmp_path):
+    import ctypes
+
+    found = exported("limited", folder)
+    for name, text in c.files(found, "law").items():
+        (tmp_path / name).write_text(text)
+    subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", "law.so", "law.c", "-lm"], cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "law.so"))
+    tuned = ctypes.addressof(ctypes.c_char.in_dll(library, "law_tuned"))
+    state, begun = np.zeros(64), []
+
+    class Output(ctypes.Structure):
+        _fields_ = [("inputs", ctypes.c_double * 2), ("limited", ctypes.c_int)]
+
+    output = Output()
+
+    def step(m, r):
+        seen, asked = (np.concatenate([np.ravel(x) for x in jax.tree.leaves(tree)]) for tree in (m, r))
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (state, seen, asked)]
+        if not begun:
+            library.law_start(ctypes.c_void_p(tuned), *pointers)
+            begun.append(True)
+        library.law_step(ctypes.c_void_p(tuned), *pointers, ctypes.byref(output))
+        return dict(zip(("acceleration", "yaw_acceleration"), output.inputs, strict=True))
+
+    assert np.abs(drive(step, LIMITED, SCENE, 300) - simulated()).max() < 1e-9
+
+
+# ---- NumPy
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_numpy_agrees_and_imports_nothing_else(name, folder):
+    found = exported(name, folder)
+    text = numpy_file.files(found)["agv_controller.py"]
+    imports = [n for n in ast.walk(ast.parse(text)) if isinstance(n, (ast.Import, ast.ImportFrom))]
+    assert {getattr(n, "module", None) or n.names[0].name for n in imports} == {"numpy", "__future__"}
+    space = {}
+    exec(text, space)
+    inputs = given(found.controller, 200)
+    wanted = by_jax(found.controller, inputs, 200)
+    controller, got = space["Controller"](), []
+    names = [f.name for f in program.step(found.controller).arguments["state"]]
+    for k in range(200):
+        state, seen, asked = (jax.tree.map(lambda x, k=k: x[k], tree) for tree in inputs)
+        controller.state = dict(zip(names, map(np.asarray, jax.tree.leaves(state)), strict=True))
+        answer = controller.step(plain(seen), plain(asked))
+        later = [np.ravel(controller.state[name]) for name in names]
+        inputs_in_order = [np.ravel(answer[name]) for name in sorted(answer)]
+        got.append(np.concatenate([*later, *inputs_in_order, [float(controller.limited)]]))
+    assert deviation(np.array(got), wanted).max() < 1e-12
+
+
+def test_numpy_takes_other_gains_and_names_an_unknown_one(folder):
+    space = {}
+    exec(numpy_file.files(exported("limited", folder))["agv_controller.py"], space)
+    zero = {"position": [0, 0], "velocity": [0, 0], "heading": 0, "yaw_rate": 0}
+    asked = {"position": [0.1, 0], "velocity": [0, 0], "acceleration": [0, 0], "heading": 0, "heading_rate": 0}
+    weak, strong = (space["Controller"]({"inner.k2": k}).step(zero, asked)["acceleration"] for k in (1.0, 20.0))
+    assert 0 < weak < strong
+    with pytest.raises(ValueError, match=r"inner\.k9"):
+        space["Controller"]({"inner.k9": 1.0})
+
+
+def test_on_the_path_the_law_asks_for_the_acceleration_of_the_path_turned_into_the_body(folder):
+    """By hand: no error, filter at rest on the path's velocity, so that U_bar is phi1', (41), which is 0 there."""
+    space = {}
+    exec(numpy_file.files(exported("limited", folder))["agv_controller.py"], space)
+    seen = {"position": [1, 2], "velocity": [0.5, 0], "heading": 0.3, "yaw_rate": 0}
+    asked = {"position": [1, 2], "velocity": [0.5, 0], "acceleration": [0, 0], "heading": 0.3, "heading_rate": 0}
+    inputs = space["Controller"]().step(seen, asked)
+    assert np.allclose(list(inputs.values()), 0, atol=1e-12)
+
+
+# ---- StableHLO
+
+
+def test_stablehlo_comes_back_and_agrees(folder):
+    found = exported("limited", folder)
+    made = stablehlo.files(found)
+    again = jax.export.deserialize(bytearray(made["agv_controller.bin"]))
+    assert set(again.platforms) == {"cpu", "cuda"} and "stablehlo" in made["agv_controller.mlir"]
+    signature = json.loads(made["signature.json"])
+    inputs = [jax.tree.map(lambda x: x[0], tree) for tree in given(found.controller, 1)]
+    leaves = jax.tree.leaves((found.controller, *inputs))
+    assert [list(np.shape(x)) for x in leaves] == [entry["shape"] for entry in signature["arguments"]]
+    got = np.concatenate([np.ravel(np.asarray(x, float)) for x in again.call(*leaves)])
+    wanted = row(found.controller, *inputs)[-got.size :]
+    assert np.allclose(got, wanted, rtol=1e-12, atol=1e-12)
+
+
+# ---- what every artefact carries, and what cannot be exported
+
+
+@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+def test_every_form_carries_gains_units_period_hash_and_uncertainty(form, tmp_path, capsys):
+    config = configuration.load(["robot"], [])
+    (tmp_path / "config.toml").write_text(configuration.dump(config))
+    (tmp_path / "gains.toml").write_text(gains_table(config.controller))
+    out = tmp_path / "out"
+    assert main(["export", str(tmp_path / "gains.toml"), "--format", form, "--out", str(out), "--quiet"]) == 0
+    told = json.loads((out / "provenance.json").read_text())
+    assert told["configuration_sha256"] == hashlib.sha256(configuration.dump(config).encode()).hexdigest()
+    assert told["period"] == {"value": 0.02, "unit": "s"}
+    assert told["gains"]["inner.k1"] == {"value": 3.0, "unit": "1/s", "rule": "> 0", "low": 0.0, "high": None}
+    draws = told["uncertainty"]["ensemble"]["draws"]
+    assert draws["deadzone.torque_left.slope_right"] == {"times": [0.7, 1.3]}
+    carrying = {
+        "c": "agv_controller.h",
+        "numpy": "agv_controller.py",
+        "ros2": "README.md",
+        "stablehlo": "signature.json",
+    }
+    text = (out / carrying[form]).read_text()
+    assert told["configuration_sha256"] in text and "deadzone.torque_left.slope_right" in text
+
+
+def test_gains_alone_can_be_exported_and_say_so(folder, tmp_path, capsys):
+    (tmp_path / "gains.toml").write_text(gains_table(LAWS["torques"]))
+    assert main(["export", str(tmp_path / "gains.toml"), "--format", "numpy", "--out", str(tmp_path / "out")]) == 0
+    assert "not stated" in capsys.readouterr().out
+    assert "not stated" in json.loads((tmp_path / "out" / "provenance.json").read_text())["uncertainty"]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("[controller]\nk1 = 3.0\n", [], "only a controller with a period"),
+        ("[controller]\ntype = 'sampled'\nk1 = 3.0\n", [], "controller.k1"),
+        ("version = 1\n", [], "a file with a [controller]"),
+        ("not toml", [], "a readable TOML file"),
+        (None, [], "a readable TOML file"),
+        ("[controller]\ntype = 'sampled'\n", ["--name", "int"], "--name"),
+        ("[controller]\ntype = 'sampled'\n", ["--name", "Up"], "--name"),
+        ("[controller]\ntype = 'sampled'\n", ["--precision", "32"], "--precision"),
+        ("[controller]\ntype = 'sampled'\nperiod = -1.0\n", [], "controller.period"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused(tmp_path, capsys, text, options, words):
+    file, out = tmp_path / "gains.toml", tmp_path / "out"
+    if text is not None:
+        file.write_text(text)
+    assert main(["export", str(file), "--format", "c", "--out", str(out), *options]) == 2
+    assert words in capsys.readouterr().err and not out.exists()
+
+
+def test_the_exported_gains_are_those_of_the_file(tmp_path):
+    text = gains_table(LIMITED)
+    (tmp_path / "gains.toml").write_text(text)
+    found = artefact.read(str(tmp_path / "gains.toml"))
+    stated = tomllib.loads(text)["controller"]["inner"]
+    for name in ("k1", "k2", "Lam", "omega_n", "zeta"):
+        assert found.provenance["gains"][f"inner.{name}"]["value"] == stated[name]

@@ -1,0 +1,1 @@
+"""A tuned controller that runs without Python, or without JAX: C, NumPy, ROS 2, StableHLO, all from the one law."""

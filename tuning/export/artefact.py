@@ -1,0 +1,87 @@
+"""What is exported: a sampled controller, and where it comes from."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import agvjax
+from agvjax import InputError, Problem
+from agvjax.leaves import leaves, rule_of, unit_of
+
+from .. import config as configuration
+from ..settings import Config
+
+UNSTATED = "not stated: no config.toml beside the gains"
+
+
+class Artefact(NamedTuple):
+    """A controller and its provenance, which every form of export carries."""
+
+    controller: agvjax.Sampled  # in float64
+    provenance: dict[str, Any]  # plain, for JSON
+
+
+def read(gains_file: str, config_files: Sequence[str] = (), overrides: Sequence[str] = ()) -> Artefact:
+    """A `gains.toml`, with the configuration that it was tuned under: `config.toml` beside it unless others are given.
+
+    Raises:
+        agvjax.InputError: a file cannot be read or its content is wrong, or the controller has no period.
+    """
+    path = Path(gains_file)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        table = tomllib.loads(text)
+    except (OSError, ValueError) as error:
+        raise InputError([Problem("GAINS.toml", gains_file, f"a readable TOML file of gains ({error})")]) from error
+    law = table.get("controller")
+    if not isinstance(law, dict):
+        raise InputError([Problem("GAINS.toml", gains_file, "a file with a [controller], as `agvjax tune` writes it")])
+    beside = path.with_name("config.toml")
+    files = [*config_files] or ([str(beside)] if beside.is_file() and beside != path else [])
+    alone = {"scenario.plant": law["vehicle"]} if not files and "vehicle" in law and "scenario" not in table else {}
+    config = configuration.load([*files, gains_file], overrides, "export", alone)
+    if not isinstance(config.controller, agvjax.Sampled):
+        rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
+        raise InputError([Problem("controller", type(config.controller).__name__, rule)])
+    controller = agvjax.check(config.controller)
+    stated = configuration.dump(config) if files else text
+    return Artefact(controller, _provenance(config, controller, path.name, stated, bool(files)))
+
+
+def _provenance(config: Config, controller: Any, source: str, stated: str, known: bool) -> dict[str, Any]:
+    return {
+        "generator": f"agvjax {agvjax.__version__}",
+        "source": source,
+        "configuration_sha256": hashlib.sha256(stated.encode()).hexdigest(),
+        "law": [type(controller).__name__, type(controller.inner).__name__],
+        "vehicle": type(controller.vehicle).__name__,
+        "period": {"value": float(controller.period), "unit": "s"},
+        "gains": {name: _gain(controller, name, value) for name, value in leaves(controller).items()},
+        "inputs": dict.fromkeys(controller.vehicle.actuators, ""),
+        "uncertainty": _uncertainty(config) if known else UNSTATED,
+    }
+
+
+def _gain(controller: Any, name: str, value: Any) -> dict[str, Any]:
+    rule = rule_of(controller, name)
+    low, high = (-np.inf, np.inf) if rule is None else (rule.low, rule.high)
+    return {
+        "value": np.asarray(value, float).tolist(),
+        "unit": unit_of(controller, name),
+        "rule": "" if rule is None else rule.text,
+        "low": float(low) if np.isfinite(low) else None,
+        "high": float(high) if np.isfinite(high) else None,
+    }
+
+
+def _uncertainty(config: Config) -> dict[str, Any]:
+    """The ensemble's draws and what of the scenario they vary, as they stand in TOML."""
+    table = tomllib.loads(configuration.dump(config))
+    scenario = {name: table["scenario"][name] for name in ("plant", "deadzone", "actuators", "disturbance")}
+    return {"nominal": scenario, "ensemble": table["ensemble"]}

@@ -1,0 +1,91 @@
+"""Operations of a program as text: what C and Python write alike, and what each calls by a name of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from .program import Operand, Operation
+
+INFIX = {"add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/"}
+INFIX |= {"gt": ">", "lt": "<", "ge": ">=", "le": "<=", "eq": "==", "ne": "!="}
+FUNCTIONS = {  # primitive -> name in C's math.h
+    "exp": "exp", "agvjax_exp": "exp", "exp2": "exp2", "expm1": "expm1", "log": "log", "log1p": "log1p", "sin": "sin",
+    "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "sqrt": "sqrt", "abs": "fabs",
+    "floor": "floor", "ceil": "ceil", "atan2": "atan2", "pow": "pow", "rem": "fmod", "atan": "atan", "asin": "asin",
+    "acos": "acos",
+}  # fmt: skip
+
+
+class Language(NamedTuple):
+    """How one language says what differs."""
+
+    number: Callable[[float], str]
+    truth: Callable[[bool], str]
+    choose: Callable[[str, str, str], str]  # condition, if so, if not
+    call: Callable[[str], str]  # name in math.h -> name of the function
+    both: str
+    either: str
+    negate: Callable[[str], str]
+
+
+def expression(operation: Operation, language: Language) -> str:
+    """The right-hand side.
+
+    Raises:
+        ValueError: a primitive that no law has used so far; the message names it.
+    """
+
+    def text(operand: Operand) -> str:
+        if isinstance(operand, bool):
+            return language.truth(operand)
+        return language.number(operand) if isinstance(operand, float) else operand
+
+    name, x = operation.primitive, [text(operand) for operand in operation.inputs]
+    if name in INFIX:
+        return f"{x[0]} {INFIX[name]} {x[1]}"
+    if name in FUNCTIONS:
+        return f"{language.call(FUNCTIONS[name])}({', '.join(x)})"
+    if name == "integer_pow":
+        return _power(x[0], operation.params["y"], language)
+    if name == "select_n" and len(x) == 3:
+        return language.choose(x[0], x[2], x[1])
+    if name in ("and", "or") and operation.flag:
+        return f"{x[0]} {language.both if name == 'and' else language.either} {x[1]}"
+    if name in SPECIAL:
+        return SPECIAL[name](x, operation.params, language)
+    raise ValueError(f"the law uses {name}, for which no code can be written yet")
+
+
+def _power(x: str, y: int, language: Language) -> str:
+    product = " * ".join([x] * abs(y)) or language.number(1.0)
+    if y >= 0:
+        return product
+    return f"{language.number(1.0)} / {product if y == -1 else f'({product})'}"
+
+
+def _round(x: list[str], params: dict[str, Any], language: Language) -> str:
+    return f"{language.call('rint' if int(params['rounding_method']) else 'round')}({x[0]})"
+
+
+def _sign(x: list[str], params: dict[str, Any], language: Language) -> str:
+    one, zero = language.number(1.0), language.number(0.0)
+    below = language.choose(f"{x[0]} < {zero}", language.number(-1.0), x[0])
+    return language.choose(f"{x[0]} > {zero}", one, f"({below})")
+
+
+SPECIAL: dict[str, Callable[[list[str], dict[str, Any], Language], str]] = {
+    "neg": lambda x, p, o: f"-{x[0]}",
+    "square": lambda x, p, o: f"{x[0]} * {x[0]}",
+    "rsqrt": lambda x, p, o: f"{o.number(1.0)} / {o.call('sqrt')}({x[0]})",
+    "logistic": lambda x, p, o: f"{o.number(1.0)} / ({o.number(1.0)} + {o.call('exp')}(-{x[0]}))",
+    "not": lambda x, p, o: o.negate(x[0]),
+    "xor": lambda x, p, o: f"{x[0]} != {x[1]}",
+    "is_finite": lambda x, p, o: f"{x[0]} - {x[0]} == {o.number(0.0)}",
+    "max": lambda x, p, o: o.choose(f"{x[0]} >= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),  # NaN goes on
+    "min": lambda x, p, o: o.choose(f"{x[0]} <= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),
+    "clamp": lambda x, p, o: o.choose(f"{x[1]} < {x[0]}", x[0], f"({o.choose(f'{x[1]} > {x[2]}', x[2], x[1])})"),
+    "convert_element_type": lambda x, p, o: o.choose(x[0], o.number(1.0), o.number(0.0)),
+    "round": _round,
+    "sign": _sign,
+}

@@ -1,0 +1,169 @@
+"""The one law as a straight line of scalar operations: its jaxpr with arrays taken apart, nothing written twice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend import core
+
+import agvjax
+from agvjax.path import Reference
+from agvjax.scalarise import scalarise, split_tree
+
+SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
+INLINED = frozenset({"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"})
+Operand = str | float | bool
+
+
+class Operation(NamedTuple):
+    """name = primitive(inputs)."""
+
+    name: str
+    primitive: str
+    inputs: tuple[Operand, ...]
+    params: dict[str, Any]
+    flag: bool  # whether it is a truth value; else a real number
+
+
+class Field(NamedTuple):
+    """A named number or array at the border of a program."""
+
+    name: str  # dotted, as in `agvjax.leaves`
+    shape: tuple[int, ...]
+    variables: tuple[Operand, ...]  # one for each element, in C order
+
+    @property
+    def member(self) -> str:
+        """Its name in C."""
+        return self.name.replace(".", "_")
+
+
+class Program(NamedTuple):
+    """Arguments, operations in order, and results; groups of fields by what they are."""
+
+    arguments: dict[str, tuple[Field, ...]]
+    operations: tuple[Operation, ...]
+    results: dict[str, tuple[Field, ...]]
+
+
+def examples(controller: Any) -> tuple[Any, Any, Any]:
+    """State, measurement and reference of the right shapes."""
+    zero, pair = jnp.zeros(()), jnp.zeros(2)
+    angle = zero if hasattr(controller.vehicle, "limits") else None  # only vehicles that steer have limits of their own
+    seen = agvjax.Measurement(position=pair, velocity=pair, heading=zero, yaw_rate=zero, steering_angle=angle)
+    reference = Reference(position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero)
+    return controller.inner.init(seen, reference), seen, reference
+
+
+def step(controller: Any) -> Program:
+    """One period: the state afterwards, the inputs of the actuators, whether anything was limited."""
+
+    def one(gains: Any, state: Any, measurement: Any, reference: Any) -> Any:
+        computed = gains.step(state, measurement, reference)
+        return {"state": computed.law, "inputs": computed.command.inputs, "limited": {"limited": computed.limited}}
+
+    state, measurement, reference = examples(controller)
+    arguments = {"gains": controller, "state": state, "measurement": measurement, "reference": reference}
+    return _program(one, arguments)
+
+
+def start(controller: Any) -> Program:
+    """The state of a law that starts now."""
+    _, measurement, reference = examples(controller)
+    arguments = {"gains": controller, "measurement": measurement, "reference": reference}
+    return _program(lambda gains, seen, path: {"state": gains.inner.init(seen, path)}, arguments)
+
+
+def _program(function: Callable[..., Any], arguments: dict[str, Any]) -> Program:
+    trees = tuple(jax.tree.map(jnp.asarray, tree) for tree in arguments.values())
+    numbers, _ = scalarise(function, *trees)
+    closed = jax.make_jaxpr(numbers)(*(split_tree(tree) for tree in trees))
+    fields, names = {}, {}
+    variables = iter(closed.jaxpr.invars)
+    for group, tree in zip(arguments, trees, strict=True):
+        fields[group] = tuple(_field(group, path, leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree))
+        for field in fields[group]:
+            names |= {next(variables): name for name in field.variables}
+    assert next(variables, None) is None
+    known: dict[Any, Operand] = dict(names)
+    known |= {v: _constant(c) for v, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)}
+    writer = _Writer()
+    outputs = iter(writer.run(closed.jaxpr, known))
+    shapes = jax.eval_shape(function, *trees)
+    results = {}
+    for group, tree in shapes.items():
+        own = []
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+            field = _field(group, path, leaf)
+            own.append(field._replace(variables=tuple(next(outputs) for _ in field.variables)))
+        results[group] = tuple(own)
+    return Program(fields, writer.used(results), results)
+
+
+def _field(group: str, path: Any, leaf: Any) -> Field:
+    """A leaf, its elements named after it."""
+    name = ".".join(str(getattr(key, "name", getattr(key, "key", getattr(key, "idx", key)))) for key in path)
+    stem, shape = f"{group[0]}_{name.replace('.', '_')}", tuple(np.shape(leaf))
+    places = [stem + "".join(f"_{i}" for i in index) for index in np.ndindex(shape)]
+    return Field(name, shape, tuple(places))
+
+
+def _constant(value: Any) -> Operand:
+    array = np.asarray(value)
+    return bool(array) if array.dtype == bool else float(array)
+
+
+class _Writer:
+    """Collects operations, each distinct one once."""
+
+    def __init__(self) -> None:
+        self.operations: list[Operation] = []
+        self.seen: dict[Any, str] = {}
+
+    def run(self, jaxpr: Any, known: dict[Any, Operand]) -> list[Operand]:
+        """All equations of a jaxpr on scalars, calls inlined; its results."""
+
+        def read(atom: Any) -> Operand:
+            return _constant(atom.val) if isinstance(atom, core.Literal) else known[atom]
+
+        for equation in jaxpr.eqns:
+            name, inputs = equation.primitive.name, [read(v) for v in equation.invars]
+            if name in INLINED:
+                inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+                consts = dict(zip(inner.jaxpr.constvars, map(_constant, inner.consts), strict=True))
+                outputs = self.run(inner.jaxpr, consts | dict(zip(inner.jaxpr.invars, inputs, strict=True)))
+                known |= zip(equation.outvars, outputs, strict=True)
+            elif name in SAME:
+                known |= zip(equation.outvars, inputs, strict=True)
+            else:
+                known[equation.outvars[0]] = self.write(equation, name, inputs)
+        return [read(v) for v in jaxpr.outvars]
+
+    def write(self, equation: Any, name: str, inputs: list[Operand]) -> Operand:
+        """One operation; what is there already is not computed again."""
+        aval = equation.outvars[0].aval
+        if aval.shape != () or len(equation.outvars) > 1:
+            raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
+        flag = aval.dtype == bool
+        if name == "convert_element_type" and flag == (equation.invars[0].aval.dtype == bool):
+            return inputs[0]
+        params = {key: equation.params[key] for key in ("y", "rounding_method") if key in equation.params}
+        key = name, tuple(map(repr, inputs)), tuple(map(repr, params.items()))
+        if key not in self.seen:
+            self.seen[key] = f"v{len(self.operations)}"
+            self.operations.append(Operation(self.seen[key], name, tuple(inputs), params, bool(flag)))
+        return self.seen[key]
+
+    def used(self, results: dict[str, tuple[Field, ...]]) -> tuple[Operation, ...]:
+        """The operations that something comes of."""
+        wanted = {v for fields in results.values() for field in fields for v in field.variables}
+        kept = []
+        for operation in reversed(self.operations):
+            if operation.name in wanted:
+                wanted |= set(operation.inputs)
+                kept.append(operation)
+        return tuple(kept[::-1])

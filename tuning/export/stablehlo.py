@@ -1,0 +1,64 @@
+"""The step as StableHLO, for whatever runs that: a reproducible artefact, on a processor or a GPU."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import jax
+import numpy as np
+
+from . import program
+from .artefact import Artefact
+
+NAME = "agv_controller"
+PLATFORMS = ("cpu", "cuda")
+
+
+def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
+    """Serialised module, its text, and what its flat arguments and results are; in double precision."""
+    law = artefact.controller
+
+    def step(gains: Any, state: Any, measurement: Any, reference: Any) -> Any:
+        done = gains.step(state, measurement, reference)
+        flat = jax.tree.leaves((done.law, done.command.inputs, done.limited))
+        return tuple(flat)
+
+    def flat(*leaves: Any) -> Any:
+        return step(*jax.tree.unflatten(treedef, leaves))
+
+    leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
+    shapes = [jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in leaves]
+    exported = jax.export.export(jax.jit(flat), platforms=PLATFORMS)(*shapes)
+    return {
+        f"{name}.bin": bytes(exported.serialize()),
+        f"{name}.mlir": exported.mlir_module(),
+        "signature.json": json.dumps(signature(artefact), indent=2) + "\n",
+    }
+
+
+def signature(artefact: Artefact) -> dict[str, Any]:
+    """Names, shapes and units of the module's arguments and results, in their order."""
+    made, facts = program.step(artefact.controller), artefact.provenance["gains"]
+
+    def told(group: str, fields: Any) -> list[dict[str, Any]]:
+        return [
+            {
+                "group": group,
+                "name": f.name,
+                "shape": list(f.shape),
+                "unit": facts.get(f.name, {}).get("unit", "") if group == "gains" else "",
+            }
+            for f in fields
+        ]
+
+    arguments = [entry for group, fields in made.arguments.items() for entry in told(group, fields)]
+    results = [entry for group, fields in made.results.items() for entry in told(group, fields)]
+    values = {name: fact["value"] for name, fact in facts.items()}
+    return {
+        "dtype": "float64",
+        "arguments": arguments,
+        "results": results,
+        "gains": values,
+        "provenance": artefact.provenance,
+    }
