@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import keyword
+import re
 
 import jax
 
@@ -21,6 +23,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.precision == 32:
         rule = "64, or left out: the C source is compiled for single precision by a macro, the others are in double"
         raise InputError([Problem("--precision", 32, rule)])
+    name = arguments.name
+    if name is not None and (not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name)):
+        rule = "lower-case letters, digits and underscores, a letter first, no word of Python"
+        raise InputError([Problem("--name", name, rule)])
     jax.config.update("jax_enable_x64", True)
     startup.keep_compiled()
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments))
@@ -28,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         f"..export.{MODULES[arguments.format]}", __package__
     )  # late: each has its own needs
     try:
-        made = module.files(found, arguments.name or module.NAME)
+        made = module.files(found, name or module.NAME)
     except ValueError as error:
         if isinstance(error, InputError):
             raise

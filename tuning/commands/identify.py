@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
 
         if posed is None:
-            drive = _first_drive(config, tick)
+            drive = first_drive(config, tick)
             page.write_drive(drive, out)
             text = page.suggestion(drive)
         else:
@@ -70,7 +70,7 @@ def _found(config: Config, posed: Any, unseen: tuple[Log, ...], tick: Callable[[
     return page.Found(posed, fitted, verdict, seen, drive)
 
 
-def _first_drive(config: Config, tick: Callable[[str], None]) -> Drive:
+def first_drive(config: Config, tick: Callable[[str], None]) -> Drive:
     """A drive for a vehicle of which there is no log yet."""
     step = float(getattr(config.controller, "period", 0.02))
     commands = commands_of(config.scenario.plant)

@@ -14,7 +14,7 @@ from agvjax import InputError, Problem
 
 from . import program
 from .artefact import Artefact
-from .expressions import FUNCTIONS, Language, expression
+from .expressions import FUNCTIONS, Language, expression, text
 from .program import Field, Operand, Program
 from .vectors import table
 
@@ -35,8 +35,8 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     Raises:
         agvjax.InputError: the name is none of a C library.
     """
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in RESERVED:
-        rule = "lower-case letters, digits and underscores, a letter first, no word of C"
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in RESERVED | {"vectors"}:
+        rule = "lower-case letters, digits and underscores, a letter first, no word of C, not vectors"
         raise InputError([Problem("--name", name, rule)])
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     header, rows = table(artefact.controller, step)
@@ -63,10 +63,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
 
 
 def _filled(template: str, parts: dict[str, str]) -> str:
-    text = (TEMPLATES / template).read_text(encoding="utf-8")
+    made = (TEMPLATES / template).read_text(encoding="utf-8")
     for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+        made = made.replace(f"@{key}@", value)
+    return made
 
 
 def _language(name: str) -> Language:
@@ -208,11 +208,6 @@ def _body(
 ) -> str:
     language, real = _language(name), f"{name}_real"
 
-    def text(operand: Operand) -> str:
-        if isinstance(operand, bool):
-            return language.truth(operand)
-        return language.number(operand) if isinstance(operand, float) else operand
-
     read = {v for operation in program.operations for v in operation.inputs} | {limited}
     read |= {v for field in (*state, *inputs) for v in field.variables}
     lines, idle = [], []
@@ -232,11 +227,11 @@ def _body(
     for target, fields in (("state", state), ("output", inputs)):
         for field in fields:
             for index, v in zip(np.ndindex(field.shape), field.variables, strict=True):
-                lines.append(f"{target}->{_place(field, index)} = {text(v)};")
+                lines.append(f"{target}->{_place(field, index)} = {text(v, language)};")
     if not state:
         lines.append(f"state->{EMPTY} = {language.number(0.0)};")
     if limited is not None:
-        lines.append(f"output->limited = {text(limited)};")
+        lines.append(f"output->limited = {text(limited, language)};")
     declared = [line for line in lines if line.startswith("const ")]
     rest = [line for line in lines if not line.startswith("const ")]
     return "\n".join(f"    {line}" for line in (*declared, *idle, *rest))

@@ -29,19 +29,20 @@ class Language(NamedTuple):
     negate: Callable[[str], str]
 
 
+def text(operand: Operand, language: Language) -> str:
+    """A variable or a constant."""
+    if isinstance(operand, str):
+        return operand
+    return language.truth(operand) if isinstance(operand, bool) else language.number(operand)
+
+
 def expression(operation: Operation, language: Language) -> str:
     """The right-hand side.
 
     Raises:
         ValueError: a primitive that no law has used so far; the message names it.
     """
-
-    def text(operand: Operand) -> str:
-        if isinstance(operand, bool):
-            return language.truth(operand)
-        return language.number(operand) if isinstance(operand, float) else operand
-
-    name, x = operation.primitive, [text(operand) for operand in operation.inputs]
+    name, x = operation.primitive, [text(operand, language) for operand in operation.inputs]
     if name in INFIX:
         return f"{x[0]} {INFIX[name]} {x[1]}"
     if name in FUNCTIONS:

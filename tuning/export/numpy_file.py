@@ -9,17 +9,17 @@ import numpy as np
 
 from . import program
 from .artefact import Artefact
-from .expressions import Language, expression
-from .program import Field, Operand, Program
+from .expressions import Language, expression, text
+from .program import Field, Program
 
 NAME = "agv_controller"
 ALIASES = {"fabs": "abs", "atan2": "arctan2", "pow": "power", "atan": "arctan", "asin": "arcsin", "acos": "arccos"}
-ALIASES |= {"round": "round"}
+HALF_AWAY = "(lambda x: np.trunc(x + np.copysign(0.5, x)))"  # NumPy itself rounds halves to even
 PYTHON = Language(
     number=lambda x: f"np.{x!r}" if x != x or abs(x) == float("inf") else repr(x),
     truth=str,
     choose=lambda c, yes, no: f"{yes} if {c} else {no}",
-    call=lambda name: f"np.{ALIASES.get(name, name)}",
+    call=lambda name: HALF_AWAY if name == "round" else f"np.{ALIASES.get(name, name)}",
     both="and",
     either="or",
     negate=lambda x: f"not {x}",
@@ -97,10 +97,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "START": _start(start),
         "STEP": _step(step),
     }
-    text = TEXT
+    made = TEXT
     for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return {f"{name}.py": text}
+        made = made.replace(f"@{key}@", value)
+    return {f"{name}.py": made}
 
 
 def _said(group: str, fields: tuple[Field, ...]) -> str:
@@ -127,19 +127,15 @@ def _unpacked(program: Program) -> list[str]:
             for index, variable in zip(np.ndindex(field.shape), field.variables, strict=True):
                 if variable in read:
                     place = "".join(f"[{i}]" for i in index)
-                    lines.append(f'{variable} = float({group}["{field.name}"]{place})')
+                    lines.append(f'{variable} = np.float64({group}["{field.name}"]{place})')
     return lines + [f"{o.name} = {expression(o, PYTHON)}" for o in program.operations]
-
-
-def _value(operand: Operand) -> str:
-    return operand if isinstance(operand, str) else repr(operand)
 
 
 def _packed(fields: tuple[Field, ...]) -> str:
     """Results as a dictionary of numbers and lists."""
     items = []
     for field in fields:
-        values = np.array([_value(v) for v in field.variables], object).reshape(field.shape).tolist()
+        values = np.array([text(v, PYTHON) for v in field.variables], object).reshape(field.shape).tolist()
         items.append(f'"{field.name}": {_nested(values)}')
     return "{\n        " + ",\n        ".join(items) + ",\n    }" if items else "{}"
 
@@ -155,7 +151,7 @@ def _start(program: Program) -> str:
 
 
 def _step(program: Program) -> str:
-    limited = _value(program.results["limited"][0].variables[0])
+    limited = text(program.results["limited"][0].variables[0], PYTHON)
     head = "def _step(gains, state, measurement, reference):"
     later, inputs = _packed(program.results["state"]), _packed(program.results["inputs"])
     tail = [f"later = {later}", f"inputs = {inputs}", f"return later, inputs, bool({limited})"]

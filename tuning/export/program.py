@@ -15,6 +15,7 @@ from agvjax.path import Reference
 from agvjax.scalarise import scalarise, split_tree
 
 SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
+GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one
 INLINED = frozenset({"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"})
 Operand = str | float | bool
 
@@ -53,7 +54,9 @@ class Program(NamedTuple):
 def examples(controller: Any) -> tuple[Any, Any, Any]:
     """State, measurement and reference of the right shapes."""
     zero, pair = jnp.zeros(()), jnp.zeros(2)
-    angle = zero if hasattr(controller.vehicle, "limits") else None  # only vehicles that steer have limits of their own
+    vehicle = controller.vehicle
+    now = vehicle.output(vehicle.start(agvjax.Start()), dict.fromkeys(vehicle.actuators, zero))
+    angle = None if now.steering_angle is None else zero
     seen = agvjax.Measurement(position=pair, velocity=pair, heading=zero, yaw_rate=zero, steering_angle=angle)
     reference = Reference(position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero)
     return controller.inner.init(seen, reference), seen, reference
@@ -82,6 +85,10 @@ def _program(function: Callable[..., Any], arguments: dict[str, Any]) -> Program
     trees = tuple(jax.tree.map(jnp.asarray, tree) for tree in arguments.values())
     numbers, _ = scalarise(function, *trees)
     closed = jax.make_jaxpr(numbers)(*(split_tree(tree) for tree in trees))
+    for equation in closed.jaxpr.eqns:
+        name, atoms = equation.primitive.name, (*equation.invars, *equation.outvars)
+        if name not in GATHERED | INLINED and any(v.aval.shape for v in atoms):
+            raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
     fields, names = {}, {}
     variables = iter(closed.jaxpr.invars)
     for group, tree in zip(arguments, trees, strict=True):
@@ -149,6 +156,8 @@ class _Writer:
         if aval.shape != () or len(equation.outvars) > 1:
             raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
         flag = aval.dtype == bool
+        if not flag and not jnp.issubdtype(aval.dtype, jnp.floating):
+            raise ValueError(f"the law uses {name} with a result of type {aval.dtype}, where only real numbers can be")
         if name == "convert_element_type" and flag == (equation.invars[0].aval.dtype == bool):
             return inputs[0]
         params = {key: equation.params[key] for key in ("y", "rounding_method") if key in equation.params}

@@ -97,7 +97,7 @@ class Designer:
         shape = (t.size, len(self.model.channels))
         stretch = Segments(
             t=t,
-            h=np.full(t.size, t[1] - t[0]),
+            h=np.append(np.diff(t), t[-1] - t[-2]),
             inputs=inputs,
             live=np.ones(t.size),
             seen=np.zeros(shape),

@@ -193,7 +193,7 @@ def _degrees(path: np.ndarray, heading: np.ndarray, rolls: bool) -> bool:
     way = np.arctan2(*(path[ends[:, 1]] - path[ends[:, 0]]).T[::-1])
     middle = heading[ends.mean(axis=1).astype(int)]
     off, off_degrees = (np.median(np.abs(np.sin(h - way))) for h in (middle, np.deg2rad(middle)))
-    return bool(off_degrees < 0.35 < off)
+    return bool(off > off_degrees + 0.15 and off > 0.5)  # a reference point ahead of the axle moves aside in bends
 
 
 def together(logs: Sequence[Log]) -> tuple[tuple[Log, ...], bool]:

@@ -16,7 +16,7 @@ from .log import Log
 GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle")
 VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of the deadzones and are weighed instead
     agvjax.Unicycle: ("L",),
-    agvjax.DifferentialDrive: ("L", "inertia", "friction", "viscous", "caster_friction"),
+    agvjax.DifferentialDrive: ("L", "inertia", "friction", "viscous", "caster_friction", "creep"),
     agvjax.KinematicSingleTrack: ("L",),
 }
 SINUSOID = ("cosine", "sine")

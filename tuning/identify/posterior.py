@@ -58,7 +58,8 @@ def distribution(estimate: Estimate, low: float) -> Distribution:
 def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
-    period = float(getattr(config.controller, "period", np.inf))
+    steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
+    period = min(float(getattr(config.controller, "period", steps)), float(fit.segments.h.mean()))
     chains = {}
     for name, chain in fitted.actuators.items():
         parts = dict(chain)
@@ -67,9 +68,7 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
                 e = known.get(f"actuators.{name}.{key}.time")
                 longest = float(part.time) if e is None else e.value + TAIL * e.deviation
                 longest += float(part.jitter)
-                parts[key] = dataclasses.replace(
-                    part, slots=2 + int(np.ceil(longest / min(period, fit.segments.h.mean())))
-                )
+                parts[key] = dataclasses.replace(part, slots=2 + int(np.ceil(longest / period)))
         chains[name] = agvjax.Chain(**parts)
     disturbance = (
         fitted.disturbance if any(n.startswith("disturbance.") for n in fit.model.names) else before.disturbance

@@ -1,0 +1,381 @@
+"""From a log to a scenario: drives whose truth is known, logs of MuJoCo, and logs that are no good."""
+
+import csv
+import dataclasses
+import functools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import agvjax
+from agvjax.leaves import get
+from tuning import config as configuration
+from tuning.cli import main
+from tuning.ensemble import sample
+from tuning.identify import task as tasks
+from tuning.identify.excitation import Designer, Room, candidate
+from tuning.identify.log import Column, load, together
+from tuning.identify.segments import Segments, cut, noise
+
+pytestmark = pytest.mark.xdist_group("identify")  # they share what one long fit found
+LOGS = Path(__file__).parents[1] / "notebooks" / "logs"
+COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
+PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
+
+
+def truth(seed):
+    """A vehicle that is drawn, every number of it."""
+    rng = np.random.default_rng(seed)
+
+    def dead():
+        slopes, thresholds = rng.uniform(0.5, 1.2, 2), rng.uniform(0.3, 0.7, 2)
+        return agvjax.Deadzone(**dict(zip(PARTS, [*slopes, *thresholds], strict=True)))
+
+    def tone(size):
+        return agvjax.Tone(constant=size * rng.normal(), cosine=2 * size * rng.normal(), sine=2 * size * rng.normal())
+
+    plant = agvjax.Unicycle(L=rng.uniform(0.3, 0.6))
+    late = agvjax.Chain(delay=agvjax.Delay(time=rng.uniform(0.01, 0.05), slots=6))
+    names = plant.actuators
+    push = agvjax.Harmonic(omega=rng.uniform(0.4, 2.0), x=tone(0.05), y=tone(0.05), heading=tone(0.01))
+    return agvjax.Scenario.of(
+        plant,
+        deadzone={name: dead() for name in names},
+        actuators=dict.fromkeys(names, late),
+        disturbance=push,
+        path=agvjax.Lemniscate(amplitude=2.0, omega=0.8),
+        heading=agvjax.Tangent(),
+        start=agvjax.Start(position=np.array([0.1, -0.1]), velocity=np.array([1.0, 1.0]), heading=0.7),
+    )
+
+
+LAW = agvjax.Sampled(
+    inner=agvjax.NeuroBackstepping(k1=3.0, k2=10.0, Lam=2.0, omega_n=30.0),
+    vehicle=agvjax.Unicycle(),
+    anti_windup=agvjax.BackCalculation(speed=0.8, limits=np.array([5.5, 9.0])),
+)
+
+
+@functools.cache
+def drive(seed, horizon=60.0):
+    """A minute of it along a lemniscate at 50 Hz, with noise of 2 mm, 1 mrad and 4 mm/s: rows of a log."""
+    run = agvjax.simulate(LAW, truth(seed), dt=5e-3, n_steps=round(horizon / 5e-3), save_every=4)
+    assert run.ok
+    rng, n = np.random.default_rng(1000 + seed), run.t.size
+    columns = [run.t[:, None], run.position, run.heading[:, None], run.velocity]
+    seen = np.column_stack([np.asarray(x) for x in columns])
+    seen[:, 1:] += rng.normal(size=(n, 5)) * [2e-3, 2e-3, 1e-3, 4e-3, 4e-3]
+    return np.column_stack([seen, np.asarray(run.inputs)])
+
+
+def written(file, rows, header=COLUMNS):
+    with open(file, "w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(header)
+        writer.writerows([[f"{x:.7g}" if np.isfinite(x) else "" for x in row] for row in rows])
+    return str(file)
+
+
+def settings(**more):
+    return configuration.resolve({"scenario": {"plant": "unicycle"}, "identify": {"starts": 2, **more}}, "identify")
+
+
+def command(*arguments):
+    """The command in a process of its own, which sets the compiler's options: several times faster."""
+    line = [sys.executable, "-m", "tuning.cli", "identify", *arguments, "--set", "scenario.plant=unicycle", "--quiet"]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+# ---- what is found
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A minute of a vehicle, with gaps, outliers, rows that were lost, and measurements that are not there."""
+    folder = tmp_path_factory.mktemp("identify")
+    rows, rng = drive(1).copy(), np.random.default_rng(0)
+    rows = np.delete(rows, np.r_[1000:1060, 2000:2030], axis=0)
+    spikes = rng.choice(len(rows), 30, replace=False)
+    rows[spikes, 1] += rng.choice([-1, 1], 30) * rng.uniform(0.1, 2.0, 30)
+    rows[rng.choice(len(rows), 100, replace=False), 4] = np.nan
+    rows[rng.choice(len(rows), 20, replace=False), 1:6] = np.nan
+    more = ["--set", "identify.starts=2", "--set", "identify.drives=0"]
+    done = command(written(folder / "log.csv", rows), "--out", str(folder / "out"), *more)
+    assert done.returncode == 0, done.stderr
+    return folder / "out", json.loads((folder / "out" / "estimates.json").read_text())
+
+
+def test_a_minute_tells_every_number_of_a_vehicle(found):
+    true, told = truth(1), found[1]["parameters"]
+    assert sum(e["identified"] for e in told.values()) >= 20
+    for name, e in told.items():
+        if name.startswith("deadzone."):
+            allowed = 0.02 if ".slope_" in name else 0.03
+            assert e["identified"] and abs(e["value"] / float(get(true, name)) - 1) < allowed, name
+    outside = [n for n, e in told.items() if e["identified"] and not e["low"] <= float(get(true, n)) <= e["high"]]
+    assert len(outside) <= 3, outside  # of 21 intervals of 95 %
+
+
+def test_gaps_outliers_and_missing_measurements_are_counted(found):
+    counts = found[1]["counts"]
+    assert counts["gaps"] == 2 and 195 < counts["blank"] <= 200
+    assert 30 <= counts["outliers"] <= 120  # the thirty, and of the other 14 000 less than 1 in 150
+    assert abs(found[1]["noise"]["x"] / 2e-3 - 1) < 0.1 and abs(found[1]["noise"]["vx"] / 4e-3 - 1) < 0.1
+
+
+def test_the_bootstrap_agrees_with_the_covariance_where_the_model_is_right(found):
+    ratios = [e["bootstrap"] / e["gauss_newton"] for e in found[1]["parameters"].values() if e["identified"]]
+    assert 0.75 < np.median(ratios) < 1.25 and min(ratios) > 0.4
+
+
+def test_the_ensemble_is_the_posterior(found):
+    """Draws have the deviations and correlations that the report states, through the file that tuning reads."""
+    config, told = configuration.load([str(found[0] / "scenario.toml")], []), found[1]
+    batch = sample(config.scenario, config.ensemble.draws, 4000, 1)
+    known = {name: e for name, e in told["parameters"].items() if e["identified"]}
+    drawn = np.stack([np.asarray(batch.values[name]) for name in known])
+    deviations = np.array([e["deviation"] for e in known.values()])
+    assert np.allclose(drawn.std(axis=1), deviations, rtol=0.1)
+    assert np.all(np.abs(drawn.mean(axis=1) - [e["value"] for e in known.values()]) < 0.1 * deviations)
+    places = [told["correlation"]["names"].index(name) for name in known]
+    stated = np.array(told["correlation"]["matrix"])[np.ix_(places, places)]
+    assert np.allclose(np.corrcoef(drawn), stated, atol=0.06) and np.abs(stated - np.eye(len(places))).max() > 0.5
+    assert "disturbance.phase" in config.ensemble.draws and "start.position" in config.ensemble.draws
+
+
+@pytest.mark.slow
+def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
+    """Every threshold within 3 %, every slope within 2 %, each in its interval in at least 9 of 10 drives."""
+    missed, count = [], 0
+    for seed in range(10):
+        out, true = tmp_path / f"out{seed}", truth(seed)
+        file = written(tmp_path / "log.csv", drive(seed))
+        done = command(file, "--out", str(out), "--set", "identify.starts=2", "--set", "identify.drives=0")
+        assert done.returncode == 0, done.stderr
+        for name, e in json.loads((out / "estimates.json").read_text())["parameters"].items():
+            value = float(get(true, name))
+            if name.startswith("deadzone."):
+                allowed = 0.02 if ".slope_" in name else 0.03
+                assert e["identified"] and abs(e["value"] / value - 1) < allowed, (seed, name)
+            if e["identified"]:
+                count += 1
+                missed += [] if e["low"] <= value <= e["high"] else [name]
+    deadzones = [missed.count(name) for name in missed if name.startswith("deadzone.")]
+    assert max(deadzones, default=0) <= 1, missed
+    assert len(missed) <= 0.08 * count, missed
+
+
+def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
+    """Never a negative command of the acceleration: its left side is unknown, and said to be."""
+    scenario = truth(1)
+    t = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 1500))  # and irregular
+    u = np.stack([0.8 + 0.3 * np.sin(2 * t), 2.0 * np.sin(1.3 * t)], axis=1)
+    model = tasks.of(settings(fit=["deadzone", "delay"]), ("x", "y", "heading", "vx", "vy"), COLUMNS[6:], 0.02)
+    designer = Designer(model, (), np.array([float(get(scenario, n)) for n in model.names]), np.ones(5), None, 2.0, 0.5)
+    log = designer.driven(t, u)
+    seen = np.column_stack([t, *(log.measured[c] for c in ("x", "y", "heading", "vx", "vy")), u])
+    seen[:, 1:6] += np.random.default_rng(0).normal(size=(t.size, 5)) * [2e-3, 2e-3, 1e-3, 4e-3, 4e-3]
+    file, out = written(tmp_path / "log.csv", seen), tmp_path / "out"
+    done = command(file, "--out", str(out), "--fit", "deadzone,delay", "--set", "identify.drives=0")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((out / "estimates.json").read_text())["parameters"]
+    for part in ("slope_left", "threshold_left"):
+        e = told[f"deadzone.acceleration.{part}"]
+        assert e["identified"] is False and "value" not in e
+        assert "never excited" in e["reason"] and "negative commands of acceleration" in e["drive"]
+        assert f"| deadzone.acceleration.{part} | not identifiable |" in (out / "report.md").read_text()
+    assert told["deadzone.yaw_acceleration.slope_left"]["identified"]
+    config = configuration.load([str(out / "scenario.toml")], [])  # what is not known keeps the range that was assumed
+    assert list(config.ensemble.draws["deadzone.acceleration.slope_left"]) == [0.5, 1.5]
+
+
+def test_the_prediction_is_that_of_the_simulator():
+    """The model under the inputs that a closed loop logged leads where that loop went."""
+    scenario = truth(3)
+    run = agvjax.simulate(LAW, scenario, dt=5e-3, n_steps=400, save_every=4)
+    config = settings(fit=["deadzone", "delay", "disturbance", "vehicle"])
+    model = tasks.of(config, ("x", "y", "heading"), COLUMNS[6:], 0.02)._replace(substeps=4)
+    p = np.array([float(get(scenario, name)) for name in model.names])
+    n, start = run.t.size, agvjax.check(scenario).start
+    state = ravel_pytree(scenario.plant.start(start))[0]
+    empty, steps = np.zeros((n, 3)), np.full(n, 0.02)
+    rows = Segments(
+        np.asarray(run.t), steps, np.asarray(run.inputs), np.ones(n), empty, empty, np.arange(n), np.zeros(())
+    )
+    seen = np.asarray(jax.jit(model.predict)(jnp.asarray(p), state, rows))
+    assert np.allclose(seen[:, :2], run.position, atol=1e-9) and np.allclose(seen[:, 2], run.heading, atol=1e-9)
+
+
+# ---- a drive to record
+
+
+def test_a_suggested_drive_keeps_to_its_room_and_excites_every_side(tmp_path):
+    out = tmp_path / "out"
+    options = [
+        "--set",
+        "scenario.plant=unicycle",
+        "--set",
+        "identify.drives=4",
+        "--set",
+        "identify.duration=20",
+        "--quiet",
+    ]
+    assert main(["identify", "--out", str(out), *options]) == 0
+    with open(out / "excitation.csv") as stream:
+        rows = list(csv.DictReader(stream))
+    for name in ("acceleration", "yaw_acceleration"):
+        u = np.array([float(row[name]) for row in rows])
+        dead = agvjax.Unicycle().deadzones()[name]
+        assert u.max() > dead.threshold_right and u.min() < -dead.threshold_left
+    for name in ("expected_x", "expected_y"):
+        assert np.ptp([float(row[name]) for row in rows]) <= 5.0
+    assert len(rows) == 1001
+
+
+def test_a_candidate_moves_within_what_is_allowed():
+    scenario = dataclasses.replace(truth(1), deadzone=dict.fromkeys(agvjax.Unicycle().actuators, agvjax.Deadzone()))
+    room = Room(speed=0.6, yaw_rate=1.2, limits=(np.inf, np.inf), extent=5.0, duration=30.0, period=0.02)
+    t, u = candidate(scenario, room, np.random.default_rng(0).random(20))
+    speed = np.concatenate([[0], np.cumsum((u[1:, 0] + u[:-1, 0]) / 2 * np.diff(t))])  # without deadzone u is v'
+    assert 0.29 < np.abs(speed).max() < 0.606
+
+
+# ---- logs that are no good
+
+
+@pytest.fixture(scope="module")
+def good():
+    return drive(1)[:600]
+
+
+def refused(tmp_path, capsys, rows, header=COLUMNS, options=()):
+    file, out = written(tmp_path / "log.csv", rows, header), tmp_path / "out"
+    code = main(["identify", file, "--set", "scenario.plant=unicycle", "--out", str(out), "--quiet", *options])
+    assert code == 2 and not out.exists()
+    return capsys.readouterr().err
+
+
+def scaled(rows, **factors):
+    rows = rows.copy()
+    for name, factor in factors.items():
+        rows[:, COLUMNS.index(name)] *= factor
+    return rows
+
+
+def test_a_missing_column_is_named(good, tmp_path, capsys):
+    message = refused(tmp_path, capsys, good[:, :-1], COLUMNS[:-1])
+    assert "no column yaw_acceleration" in message and "identify.columns" in message
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(heading=180 / np.pi), 'unit = "deg"'),
+        (dict(vx=1000, vy=1000), 'unit = "mm/s"'),
+        (dict(x=1000, y=1000), "perhaps in mm"),
+        (dict(t=1000), 'unit = "ms"'),
+        (dict(vx=3.6, vy=3.6), 'unit = "km/h"'),
+    ],
+)
+def test_a_wrong_unit_is_noticed(good, tmp_path, capsys, change, words):
+    assert words in refused(tmp_path, capsys, scaled(good, **change))
+
+
+def test_a_stated_unit_is_converted(good, tmp_path):
+    file = written(tmp_path / "log.csv", scaled(good, heading=180 / np.pi, t=1000))
+    columns = {"heading": Column("heading", "deg"), "t": Column("t", "ms")}
+    log = load(file, agvjax.Unicycle(), columns)
+    assert np.allclose(log.measured["heading"], good[:, 3], atol=1e-5) and np.isclose(log.t[-1], good[-1, 0])
+
+
+def test_time_that_stands_still_is_named(good, tmp_path, capsys):
+    rows = good.copy()
+    rows[100, 0] = rows[99, 0]
+    assert "row 102, column t" in refused(tmp_path, capsys, rows)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "t,x\n", "\x00\x01\x02", "t,x,y,heading,acceleration,yaw_acceleration\n0,0,0,0,0,0\n"]
+)
+def test_empty_short_and_binary_files_are_refused(tmp_path, capsys, text):
+    (tmp_path / "log.csv").write_text(text)
+    options = ["--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]
+    assert main(["identify", str(tmp_path / "log.csv"), *options]) == 2
+    assert "log.csv" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, capsys):
+    rows = good.copy()
+    rows[5, 6] = np.nan  # written as an empty cell: a command must be there
+    assert "row 7, column acceleration" in refused(tmp_path, capsys, rows)
+    file = written(tmp_path / "log.csv", good)
+    text = Path(file).read_text().splitlines()
+    text[3] = text[3].replace(text[3].split(",")[1], "nan", 1)
+    Path(file).write_text("\n".join(text))
+    assert main(["identify", file, "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
+    assert "must be a finite number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "key"),
+    [
+        ("identify.fit=['deadzone','plant.mas']", "identify.fit"),
+        ("identify.columns.xx='x'", "identify.columns.xx"),
+        ("identify.columns.x={column='x',unit='furlong'}", "identify.columns.x.unit"),
+        ("scenario.plant=decoupled", "scenario.plant"),
+        ("precision=32", "precision"),
+        ("identify.segment=40", "LOG.csv"),
+    ],
+)
+def test_bad_settings_are_named(good, tmp_path, capsys, option, key):
+    assert key in refused(tmp_path, capsys, good, options=["--set", option])
+
+
+def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, tmp_path):
+    one = load(written(tmp_path / "a.csv", good), agvjax.Unicycle(), {})
+    late = good.copy()
+    late[:, 0] += 100
+    two = load(written(tmp_path / "b.csv", late), agvjax.Unicycle(), {})
+    both, same = together([one, two])
+    assert same and np.isclose(both[1].t[0], 100)
+    both, same = together([one, one])
+    assert not same and both[1].t[0] == 0
+
+
+def test_stretches_cover_the_log_once_and_none_crosses_a_gap(good, tmp_path):
+    rows = np.delete(good, np.r_[300:340], axis=0)
+    log = load(written(tmp_path / "log.csv", rows), agvjax.Unicycle(), {})
+    segments, counts = cut([log], 1.0, 0.3, 5.0)
+    seen = segments.rows[(segments.weight.max(axis=2) > 0)]
+    assert counts.gaps == 1 and len(np.unique(seen)) == len(seen)
+    for part in segments.rows:
+        own = part[part >= 0]
+        assert not (own.min() < 300 <= own.max())
+    assert counts.warm_up + counts.left_over + len(seen) >= len(rows) - counts.outliers
+    assert np.allclose(noise([log])[:2], 2e-3, rtol=0.15)
+
+
+# ---- a robot that is not ours
+
+
+@pytest.mark.slow
+def test_the_mujoco_robot_is_predicted_within_two_centimetres(tmp_path):
+    out = tmp_path / "out"
+    files = [str(LOGS / name) for name in ("robot-excited.csv", "robot-lemniscate.csv")]
+    unseen = ["--unseen", str(LOGS / "robot-spline.csv")]
+    line = [sys.executable, "-m", "tuning.cli", "identify", *files, *unseen, "--config", "robot", "--quiet"]
+    done = subprocess.run([*line, "--out", str(out), "--set", "identify.drives=0"], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((out / "estimates.json").read_text())
+    assert found["predictions"][0]["worst"] < 0.02 and found["predictions"][0]["windows"] > 20
+    true = agvjax.DifferentialDrive().deadzones()["torque_left"]
+    for name, e in found["parameters"].items():
+        if name.startswith("deadzone."):
+            assert e["identified"] and abs(e["value"] / getattr(true, name.rpartition(".")[2]) - 1) < 0.03
