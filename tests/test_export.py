@@ -133,7 +133,11 @@ def deviation(got, wanted, whole=False):
 
 @needs_gcc
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in ("paper", "osfc", "full_weight") else []) for n in LAWS]
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.slow] if n in ("paper", "osfc", "full_weight", "torques") else [])
+        for n in LAWS
+    ],
 )
 def test_c_agrees_on_ten_thousand_random_inputs(name, folder, tmp_path):
     found = exported(name, folder)

@@ -106,7 +106,7 @@ def found(tmp_path_factory):
     rows[spikes, 1] += rng.choice([-1, 1], 30) * rng.uniform(0.1, 2.0, 30)
     rows[rng.choice(len(rows), 100, replace=False), 4] = np.nan
     rows[rng.choice(len(rows), 20, replace=False), 1:6] = np.nan
-    more = ["--set", "identify.starts=2", "--set", "identify.drives=0"]
+    more = ["--set", "identify.starts=1", "--set", "identify.drives=0"]
     done = command(written(folder / "log.csv", rows), "--out", str(folder / "out"), *more)
     assert done.returncode == 0, done.stderr
     return folder / "out", json.loads((folder / "out" / "estimates.json").read_text())
@@ -183,7 +183,8 @@ def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
     seen = np.column_stack([t, *(log.measured[c] for c in ("x", "y", "heading", "vx", "vy")), u])
     seen[:, 1:6] += np.random.default_rng(0).normal(size=(t.size, 5)) * [2e-3, 2e-3, 1e-3, 4e-3, 4e-3]
     file, out = written(tmp_path / "log.csv", seen), tmp_path / "out"
-    done = command(file, "--out", str(out), "--fit", "deadzone,delay", "--set", "identify.drives=0")
+    more = ["--set", "identify.starts=1", "--set", "identify.drives=0"]
+    done = command(file, "--out", str(out), "--fit", "deadzone,delay", *more)
     assert done.returncode == 0, done.stderr
     told = json.loads((out / "estimates.json").read_text())["parameters"]
     for part in ("slope_left", "threshold_left"):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from .fit import Fit, first_states, weighed
 from .log import Log
 from .model import compiled
 from .parameters import SINUSOID, sinusoidal
-from .segments import cut
+from .segments import Segments, cut, widened
 
 SEEN = 1.0  # s, from which the state is found at which a prediction begins
 SETTLED = 6
@@ -30,6 +31,13 @@ class Prediction(NamedTuple):
     errors: np.ndarray  # (W, K), m; NaN where nothing was measured
 
 
+def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
+    """What is seen of each window, in the shape that the fit was compiled for."""
+    width = fit.segments.t.shape[1]
+    cut_off = Segments(*(x[:, :width] if x.ndim > 1 else x for x in segments))
+    return weighed(widened(cut_off, width, step), fit.sigma)
+
+
 def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: float) -> list[Prediction]:
     """Logs that the fit has not seen. A sinusoid of the disturbance is left out: its phase in another drive is unknown.
 
@@ -39,15 +47,16 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
     names = [q.name for q in fit.parameters]
     waves = np.array([sinusoidal(name) and name.endswith(SINUSOID) for name in names])
     p, function = np.where(waves, 0.0, fit.p), compiled(fit.model)
+    residuals = jax.jit(jax.vmap(fit.model.residual, in_axes=(None, 0, 0)))
     found = []
     for log in logs:
         segments, counts = cut([log], SEEN, memory, gap, ahead=horizon)
         if not counts.segments:
             raise ValueError(f"{log.name} is too short to predict {horizon:g} s of it")
-        states, weighted = first_states(fit.model, [log], segments), weighed(segments, fit.sigma)
+        states, brief = first_states(fit.model, [log], segments), _brief(segments, fit, log.step)
         for _ in range(SETTLED):
-            states = function(p, states, weighted).states
-        residual = function(p, states, weighted).residual
+            states = function(p, states, brief).states
+        residual = np.asarray(residuals(p, states, segments))
         x, y = (fit.model.channels.index(name) for name in ("x", "y"))
         measured = np.isfinite(log.measured["x"] + log.measured["y"])[np.maximum(segments.rows, 0)]
         later = (segments.live > 0) & (segments.rows >= 0) & (segments.weight.max(axis=2) == 0) & measured

@@ -52,11 +52,15 @@ class Playback:
         return Computed(law=count, command=command, limited=jnp.zeros((), bool))
 
 
+def _watched(result: Any) -> tuple[Drive, list[Any]]:
+    """A drive with what was watched."""
+    return result
+
+
 def recorded(config: Config, law: Any, scenario: Any, horizon: float, seed: int) -> np.ndarray:
     """Rows of a log."""
     world = RobotWorld(float(config.scenario.plant.L))
-    driven, seen = drive(world, law, agvjax.check(scenario), horizon, watch=world.robot.pose)
-    assert isinstance(driven, Drive)
+    driven, seen = _watched(drive(world, law, agvjax.check(scenario), horizon, watch=world.robot.pose))
     columns = [[*place, heading, *velocity] for place, velocity, heading, _ in seen]
     noise = np.random.default_rng(seed).normal(size=(len(columns), len(NOISE))) * NOISE
     return np.column_stack([driven.t, np.array(columns) + noise, driven.inputs]).round(DIGITS)
@@ -73,7 +77,7 @@ def logs(config: Config) -> dict[str, np.ndarray]:
     paths = {"robot-lemniscate": (agvjax.Lemniscate(amplitude=1.5, omega=0.6), 45.0)}
     paths |= {"robot-spline": (unseen_paths()["spline"], 25.0)}
     for seed, (name, (path, horizon)) in enumerate(paths.items(), 2):
-        begin = np.asarray(path(np.float64(0.0))) + [-0.3, 0.3]
+        begin = np.asarray(path(jnp.zeros(()))) + [-0.3, 0.3]
         start = agvjax.Start(position=jnp.asarray(begin), velocity=jnp.zeros(2), heading=0.5)
         scenario = dataclasses.replace(config.scenario, path=path, heading=agvjax.Tangent(), start=start)
         found[name] = recorded(config, agvjax.check(config.controller), scenario, horizon, seed)
