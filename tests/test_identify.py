@@ -339,6 +339,13 @@ def test_bad_settings_are_named(good, tmp_path, capsys, option, key):
     assert key in refused(tmp_path, capsys, good, options=["--set", option])
 
 
+def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, capsys):
+    short, pose = written(tmp_path / "short.csv", good[:200]), tmp_path / "pose.csv"
+    written(pose, np.delete(good, [4, 5], axis=1), [name for name in COLUMNS if name not in ("vx", "vy")])
+    assert "short.csv" in refused(tmp_path, capsys, good, options=["--unseen", short])
+    assert "pose.csv" in refused(tmp_path, capsys, good, options=["--unseen", str(pose)])
+
+
 def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, tmp_path):
     one = load(written(tmp_path / "a.csv", good), agvjax.Unicycle(), {})
     late = good.copy()

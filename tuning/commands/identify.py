@@ -15,10 +15,10 @@ from .. import config as configuration
 from .. import runs
 from ..identify import page, task
 from ..identify.excitation import Designer, Drive, Room
-from ..identify.fit import ROUNDS
-from ..identify.log import POSE, Log, commands_of
+from ..identify.fit import ROUNDS, Task
+from ..identify.log import POSE, Log, commands_of, same_channels
 from ..identify.parameters import parameters, values
-from ..identify.predict import predict
+from ..identify.predict import predict, windows
 from ..identify.verdict import identify
 from ..settings import Config
 from .common import configure, new_folder, say
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.logs and not config.identify.drives:
         raise InputError([Problem("LOG.csv", "none", "given, or identify.drives above 0 for a drive to be suggested")])
     posed = task.task(arguments.logs, config) if arguments.logs else None
-    unseen = task.read(arguments.unseen, config)[0] if arguments.unseen else ()
+    unseen = _unseen(arguments, config, posed) if posed and arguments.unseen else ()
     out = new_folder(arguments)
     runs.write(out / "config.toml", configuration.dump(config))
     settings = config.identify
@@ -57,13 +57,23 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _found(config: Config, posed: Any, unseen: tuple[Log, ...], tick: Callable[[str], None]) -> page.Found:
+def _unseen(arguments: argparse.Namespace, config: Config, posed: Task) -> tuple[Log, ...]:
+    """The logs to predict, which must measure the same and be long enough."""
+    logs, settings = task.read(arguments.unseen, config)[0], config.identify
+    found = same_channels([posed.logs[0], *logs])
+    for log in logs:
+        if not windows(log, settings.horizon, settings.memory, settings.gap):
+            rule = f"long enough to predict identify.horizon, {settings.horizon:g} s of it, without a gap"
+            found.append(Problem("--unseen", log.name, rule))
+    if found:
+        raise InputError(found)
+    return logs
+
+
+def _found(config: Config, posed: Task, unseen: tuple[Log, ...], tick: Callable[[str], None]) -> page.Found:
     settings = config.identify
     fitted, verdict = identify(posed, settings, config.seed, tick)
-    try:
-        seen = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap) if unseen else []
-    except ValueError as error:
-        raise InputError([Problem("--unseen", "a log", f"longer ({error})")]) from error
+    seen = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap) if unseen else []
     first = posed.logs[0]
     known = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
     drive = _drive(config, fitted.model, posed.parameters, known, fitted.sigma, first.step, tick)

@@ -146,7 +146,7 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     """The best parameters from several starts; a frequency is looked for and kept only where it explains something."""
     parameters, segments, model = task.parameters, task.segments, task.model
     names = [q.name for q in parameters]
-    wavy = np.array([sinusoidal(name) for name in names])
+    wavy = np.array([sinusoidal(name) and OMEGA in names for name in names])  # at a known frequency they are linear
     sigma = noise(task.logs)
     states = first_states(model, task.logs, task.brief)
     search = Search(compiled(model), weighed(task.brief, sigma), parameters, states)

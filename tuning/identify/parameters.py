@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,8 +134,3 @@ def values(parameters: Sequence[Parameter]) -> np.ndarray:
 def sinusoidal(name: str) -> bool:
     """Whether a parameter is about the disturbance's sinusoid."""
     return name == OMEGA or (name.startswith("disturbance.") and name.endswith(SINUSOID))
-
-
-def by_name(parameters: Sequence[Parameter], p: np.ndarray) -> Mapping[str, float]:
-    """Values by name."""
-    return {q.name: float(x) for q, x in zip(parameters, p, strict=True)}

@@ -31,6 +31,11 @@ class Prediction(NamedTuple):
     errors: np.ndarray  # (W, K), m; NaN where nothing was measured
 
 
+def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
+    """How many predictions a log is long enough for."""
+    return cut([log], SEEN, memory, gap, ahead=horizon)[1].segments
+
+
 def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
     """What is seen of each window, in the shape that the fit was compiled for."""
     width = fit.segments.t.shape[1]
@@ -41,8 +46,7 @@ def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
 def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: float) -> list[Prediction]:
     """Logs that the fit has not seen. A sinusoid of the disturbance is left out: its phase in another drive is unknown.
 
-    Raises:
-        ValueError: a log is too short for one window.
+    Each must be long enough for a window: see `windows`.
     """
     names = [q.name for q in fit.parameters]
     waves = np.array([sinusoidal(name) and name.endswith(SINUSOID) for name in names])
@@ -50,9 +54,7 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
     residuals = jax.jit(jax.vmap(fit.model.residual, in_axes=(None, 0, 0)))
     found = []
     for log in logs:
-        segments, counts = cut([log], SEEN, memory, gap, ahead=horizon)
-        if not counts.segments:
-            raise ValueError(f"{log.name} is too short to predict {horizon:g} s of it")
+        segments, _ = cut([log], SEEN, memory, gap, ahead=horizon)
         states, brief = first_states(fit.model, [log], segments), _brief(segments, fit, log.step)
         for _ in range(SETTLED):
             states = function(p, states, brief).states

@@ -15,7 +15,6 @@ Z95 = 1.959964  # of a normal distribution
 PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
 FELT = 3.0  # standard deviations that its own size must change the log by, or it was not excited
 ALIKE = 0.8  # correlation from which two parameters are named together
-FEW = 10  # stretches below which the bootstrap says little
 
 
 class Estimate(NamedTuple):
