@@ -330,6 +330,8 @@ def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, caps
         ("identify.fit=['deadzone','plant.mas']", "identify.fit"),
         ("identify.columns.xx='x'", "identify.columns.xx"),
         ("identify.columns.x={column='x',unit='furlong'}", "identify.columns.x.unit"),
+        ("identify.columns.t={column='t',unit='km/h'}", "identify.columns.t.unit"),
+        ("identify.columns={x='y',y='y'}", "identify.columns.x"),
         ("scenario.plant=decoupled", "scenario.plant"),
         ("precision=32", "precision"),
         ("identify.segment=40", "LOG.csv"),
@@ -344,6 +346,20 @@ def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, caps
     written(pose, np.delete(good, [4, 5], axis=1), [name for name in COLUMNS if name not in ("vx", "vy")])
     assert "short.csv" in refused(tmp_path, capsys, good, options=["--unseen", short])
     assert "pose.csv" in refused(tmp_path, capsys, good, options=["--unseen", str(pose)])
+
+
+def test_the_same_drive_twice_is_refused(good, tmp_path, capsys):
+    again = written(tmp_path / "again.csv", good)
+    assert "the same drive twice" in refused(tmp_path, capsys, good, options=[again])
+
+
+def test_a_channel_that_stands_exactly_still_for_long_loses_no_measurements(good, tmp_path):
+    parked = np.repeat(good[:1], 2 * len(good), axis=0)
+    parked[:, 0] = np.arange(len(parked)) * 0.02
+    rows = np.vstack([parked, good])
+    rows[len(parked) :, 0] += parked[-1, 0] + 0.02
+    _, counts = cut([load(written(tmp_path / "log.csv", rows), agvjax.Unicycle(), {})], 1.0, 0.3, 5.0)
+    assert counts.outliers < 0.01 * rows.size
 
 
 def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, tmp_path):

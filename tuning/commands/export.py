@@ -6,6 +6,7 @@ import argparse
 import importlib
 import keyword
 import re
+import sys
 
 import jax
 
@@ -15,6 +16,7 @@ from .. import runs, startup
 from ..export import artefact
 from .common import new_folder, overrides, say
 
+TAKEN = sys.stdlib_module_names | {"numpy", "rclpy"}
 MODULES = {"c": "c", "numpy": "numpy_file", "ros2": "ros2", "stablehlo": "stablehlo"}
 
 
@@ -24,8 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
         rule = "64, or left out: the C source is compiled for single precision by a macro, the others are in double"
         raise InputError([Problem("--precision", 32, rule)])
     name = arguments.name
-    if name is not None and (not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name)):
-        rule = "lower-case letters, digits and underscores, a letter first, no word of Python"
+    if name is not None and (not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name in TAKEN):
+        rule = "lower-case letters, digits and underscores, a letter first; no word and no known module of Python"
         raise InputError([Problem("--name", name, rule)])
     jax.config.update("jax_enable_x64", True)
     startup.keep_compiled()

@@ -52,7 +52,7 @@ def read(gains_file: str, config_files: Sequence[str] = (), overrides: Sequence[
         raise InputError([Problem("controller", type(config.controller).__name__, rule)])
     controller = agvjax.check(config.controller)
     stated = configuration.dump(config) if files else text
-    return Artefact(controller, _provenance(config, controller, path.name, stated, bool(files)))
+    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, bool(files))))
 
 
 def _provenance(config: Config, controller: Any, source: str, stated: str, known: bool) -> dict[str, Any]:
@@ -86,3 +86,12 @@ def _uncertainty(config: Config) -> dict[str, Any]:
     table = tomllib.loads(configuration.dump(config))
     scenario = {name: table["scenario"][name] for name in ("plant", "deadzone", "actuators", "disturbance")}
     return {"nominal": scenario, "ensemble": table["ensemble"]}
+
+
+def finite(value: Any) -> Any:
+    """Plain data without infinities and NaN, which JSON and Python literals cannot say."""
+    if isinstance(value, dict):
+        return {key: finite(x) for key, x in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(x) for x in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

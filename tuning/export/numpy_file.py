@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import pprint
 from typing import Any
 
 import numpy as np
 
 from . import program
-from .artefact import Artefact
+from .artefact import Artefact, finite
 from .expressions import Language, expression, text
 from .program import Field, Program
 
@@ -109,12 +109,8 @@ def _said(group: str, fields: tuple[Field, ...]) -> str:
 
 
 def _literal(value: Any) -> str:
-    """A Python literal over several lines; double quotes, as JSON has them."""
-    text = json.dumps(value, indent=4)
-    pairs = ((": null", ": None"), (": true", ": True"), (": false", ": False"))
-    for old, new in pairs:
-        text = text.replace(old, new)
-    return text
+    """A Python literal over several lines; what is not finite becomes None, as in JSON."""
+    return pprint.pformat(finite(value), width=110, sort_dicts=False)
 
 
 def _unpacked(program: Program) -> list[str]:

@@ -224,16 +224,17 @@ def _spread(residual: np.ndarray, kept: np.ndarray) -> np.ndarray:
 def _judged(search: Search, p: np.ndarray, outlier: float, k: int) -> Search:
     """The problem with what lies further off than `outlier` standard deviations left out, channels weighed anew."""
     sums, kept = search.sums(p), search.segments.weight > 0
-    middle = np.array(
-        [
-            np.median(np.abs(sums.residual[..., c][kept[..., c]])) if kept[..., c].any() else 1.0
-            for c in range(kept.shape[-1])
-        ]
-    )
+    middle = np.array([_usual(np.abs(sums.residual[..., c][kept[..., c]])) for c in range(kept.shape[-1])])
     kept = kept & (np.abs(sums.residual) <= outlier * np.maximum(1.4826 * middle, 1e-9))
     sigma = _spread(sums.residual, kept)
     segments = search.segments._replace(weight=kept / sigma**2)
     return Search(search.function, segments, search.parameters, sums.states, search.evaluations)
+
+
+def _usual(size: np.ndarray) -> float:
+    """The median of some sizes; where a channel stands exactly still it says nothing."""
+    moving = size[size > 1e-3 * np.sqrt(np.mean(size**2))] if size.size else size
+    return float(np.median(moving)) if moving.size else 1.0
 
 
 def _sinusoid(search: Search, p: np.ndarray, wavy: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,9 @@ from ..recordings import UNITS, Column, read
 POSE = ("x", "y", "heading")
 MEASURED = (*POSE, "vx", "vy", "speed", "yaw_rate", "steering_angle")  # m, m, rad, m/s, m/s, m/s, rad/s, rad
 LEAST_ROWS = 50
+KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
+KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}
+CLEAR = 5.0  # times its noise: a rate by which a unit can be judged
 
 
 class Log(NamedTuple):
@@ -61,6 +64,12 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
         if name not in known
     ]
     for name, place in columns.items():
+        kind = KINDS.get(name, "")
+        if place.unit in UNITS and kind and not any(place.unit == u for u in kind.split()):
+            found.append(Problem(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(kind.split())}"))
+        twice = [other for other in columns if other != name and columns[other].column == place.column]
+        if twice:
+            found.append(Problem(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
         if place.unit and place.unit not in UNITS:
             found.append(Problem(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(UNITS)}"))
     if found:
@@ -101,7 +110,11 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
         )
 
     if log.step >= 1.0:
-        suspect("t", "ms", f"rows are {log.step:g} s apart, too far for a control loop")
+        suspect(
+            "t",
+            "ms" if log.step < 1e3 else "us" if log.step < 1e6 else "ns",
+            f"rows are {log.step:g} s apart, too far for a control loop",
+        )
         return found
     if log.step < 1e-4:
         suspect("t", "s", f"rows are {log.step:g} s apart, closer than any control loop")
@@ -114,8 +127,8 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
         ]
     t, path, heading = log.t[rows], np.column_stack([x, y])[rows], heading[rows]
     moved = _pace(t, path)
-    speed = float(np.median(moved[moved > np.quantile(moved, 0.5)])) if moved.size else 0.0
-    if speed > 60.0 and not {"vx", "vy", "speed"} & set(log.measured):
+    speed = float(np.quantile(moved, 0.75)) if moved.size else 0.0
+    if speed > 60.0:
         suspect("x", "mm", f"the vehicle would do {speed:.0f} m/s")
     turns = np.abs(np.diff(heading))
     if (
@@ -128,8 +141,11 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
     if not found:
         shifted["yaw_rate"] = _smooth_rate(t, np.unwrap(heading))
         shifted["speed"] = np.hypot(shifted["vx"], shifted["vy"])
+    noisy = {"vx": x[rows], "vy": y[rows], "yaw_rate": heading, "speed": x[rows]}
     for name, rate in shifted.items():
-        if name in log.measured:
+        if name in log.measured and not where[name].unit:  # a stated unit is believed
+            if np.nanquantile(np.abs(rate), 0.8) < CLEAR * _noise_of_rate(noisy[name], log.step):
+                continue  # the pose says too little of it
             told = log.measured[name][rows]
             fine = np.isfinite(told)
             if name == "speed":
@@ -151,6 +167,12 @@ def _smooth_rate(t: np.ndarray, value: np.ndarray) -> np.ndarray:
     rate = np.full(t.size, np.nan)
     rate[wide:-wide] = (value[2 * wide :] - value[: -2 * wide]) / (t[2 * wide :] - t[: -2 * wide])
     return rate
+
+
+def _noise_of_rate(value: np.ndarray, step: float) -> float:
+    """What noise alone makes of `_smooth_rate`."""
+    third = np.abs(np.diff(np.unwrap(value), 3)) if value.size > 3 else np.zeros(1)
+    return float(1.4826 * np.median(third) / np.sqrt(20) * np.sqrt(2) / (6 * step))
 
 
 def _ratio(told: np.ndarray, rate: np.ndarray) -> float:

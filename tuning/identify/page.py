@@ -20,6 +20,7 @@ from .verdict import Estimate, Verdict
 
 UNKNOWN = "not identifiable"
 COLOURED = 0.3  # correlation from row to row above which the model lacks something
+MANY = 0.03  # share of outliers beyond which something else is wrong
 FEW = 10  # stretches below which the bootstrap says little
 
 
@@ -139,11 +140,17 @@ def _warnings(found: Found) -> list[str]:
     lost = [e.name for e in verdict.estimates if not e.identified and e.drive]
     if lost:
         told.append(f"{len(lost)} of {len(fit.p)} parameters are {UNKNOWN} from this drive: {', '.join(lost)}.")
+    rows = int((fit.segments.weight > 0).sum()) + fit.counts.outliers
+    if fit.counts.outliers > MANY * rows:
+        told.append(
+            f"{fit.counts.outliers} of {rows} measurements were left out as outliers: too many for a sound log."
+        )
     coloured = [name for name, x in verdict.white.items() if x > COLOURED]
     if coloured:
         told.append(
-            f"What is left of {', '.join(coloured)} is no white noise: the model lacks something there. Intervals are"
-            " the bootstrap's where that is wider, which counts errors that go together within a stretch."
+            f"What is left of {', '.join(coloured)} is no white noise: the model lacks something there, and values may"
+            " be off by more than their intervals say, which take the bootstrap's deviations where those are wider."
+            " Fit more (--fit), or another kind of vehicle."
         )
     if fit.arrived[0] == 1 < fit.arrived[1]:
         told.append(f"Only 1 of {fit.arrived[1]} starts ended at the best fit: try more, identify.starts.")

@@ -28,7 +28,9 @@ def posterior(config: Config, fit: Fit, verdict: Verdict) -> Config:
     is drawn within a half of it. The phase of a sinusoid is drawn: nobody knows when in it the next drive begins.
     """
     known = {e.name: e for e in verdict.estimates if e.identified}
-    scenario = agvjax.replace(_structure(config, fit, known), {name: e.value for name, e in known.items()})
+    fixed = {q.name: float(x) for q, x, moved in zip(fit.parameters, fit.p, fit.free, strict=True) if not moved}
+    fixed |= {name: e.value for name, e in known.items()}  # what was looked for and is not there is 0
+    scenario = agvjax.replace(_structure(config, fit, known), fixed)
     draws: dict[str, Draw] = {
         n: d for n, d in config.ensemble.draws.items() if n in leaves(scenario) and n not in known
     }
@@ -69,7 +71,12 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
                 longest = float(part.time) if e is None else e.value + TAIL * e.deviation
                 longest += float(part.jitter)
                 parts[key] = dataclasses.replace(part, slots=2 + int(np.ceil(longest / period)))
-        chains[name] = agvjax.Chain(**parts)
+        before_parts = dict(before.actuators.get(name, {}))
+        kept = {
+            k: x for k, x in parts.items() if k in before_parts or any(f"actuators.{name}.{k}." in n for n in known)
+        }
+        if kept:  # an element that was added to be looked for, and was not found, goes
+            chains[name] = agvjax.Chain(**kept)
     disturbance = (
         fitted.disturbance if any(n.startswith("disturbance.") for n in fit.model.names) else before.disturbance
     )

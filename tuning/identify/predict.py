@@ -39,6 +39,8 @@ def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
 def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
     """What is seen of each window, in the shape that the fit was compiled for."""
     width = fit.segments.t.shape[1]
+    if segments.t.shape[1] > width and segments.weight[:, width:].any():  # of a higher rate than the fitted ones
+        return weighed(segments, fit.sigma)
     cut_off = Segments(*(x[:, :width] if x.ndim > 1 else x for x in segments))
     return weighed(widened(cut_off, width, step), fit.sigma)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from .log import Log
 
+STILL = 1e-6
 SPIKE, WINDOW = 12.0, 9  # robust standard deviations from the line through so many rows: an outlier
 
 
@@ -137,7 +138,8 @@ def _spikes(log: Log) -> np.ndarray:
             slope = np.median((windows[:, j] - windows[:, i]) / (j - i), axis=1)  # Theil and Sen's line
             line = np.median(windows - slope[:, None] * (np.arange(WINDOW) - WINDOW // 2), axis=1)
             off = own - line
-            usual = 1.4826 * np.median(np.abs(off)) + 1e-12
+            size = np.abs(off)  # where a channel stands exactly still it says nothing of its noise
+            usual = 1.4826 * np.median(size[size > STILL * size.max()]) if size.max() > 0 else np.inf
             leaps[np.flatnonzero(fine)[np.abs(off) > SPIKE * usual]] = True
         found.append(leaps)
     return np.column_stack(found)

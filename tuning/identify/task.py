@@ -51,7 +51,11 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
         agvjax.InputError: names file, column and rule.
     """
     found = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
-    if wrong := logs.same_channels(found):
+    wrong = logs.same_channels(found)
+    for i, log in enumerate(found):
+        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in found[:i]):
+            wrong.append(Problem("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
+    if wrong:
         raise InputError(wrong)
     return logs.together(found)
 
@@ -68,8 +72,10 @@ def task(files: Sequence[str], config: Config) -> Task:
     if counts.segments < LEAST_STRETCHES:
         rule = f"at least {LEAST_STRETCHES} stretches of identify.segment, {settings.segment:g} s, without gaps;"
         raise InputError([Problem("LOG.csv", first.name, f"{rule} it has {counts.segments}")])
-    model = of(config, tuple(first.measured), first.commands, first.step)
-    substep = first.step / model.substeps
+    shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
+    model = of(config, tuple(first.measured), first.commands, shortest)
+    model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
+    substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation

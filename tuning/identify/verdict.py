@@ -13,6 +13,7 @@ from .parameters import OMEGA, Parameter, sinusoidal
 
 Z95 = 1.959964  # of a normal distribution
 PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
+SHARPER = 0.5  # of the width of what is believed without the log
 FELT = 3.0  # standard deviations that its own size must change the log by, or it was not excited
 ALIKE = 0.8  # correlation from which two parameters are named together
 
@@ -118,7 +119,8 @@ def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: fl
     deviation = max(own, again)
     half = Z95 * deviation
     size = max(abs(value), q.floor)
-    identified, reason, drive = half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
+    told = deviation < SHARPER * q.width  # or it is what was believed before
+    identified, reason, drive = told and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
     if not identified and felt * size < FELT:
         reason, drive = "never excited: with any value the log would look the same", advice(q.name)
     elif not identified:
@@ -127,6 +129,7 @@ def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: fl
         drive = advice(q.name)
     at_bound = value - q.low < 1e-3 * (q.high - q.low) and q.low > 0 or q.high - value < 1e-3 * (q.high - q.low)
     if identified and at_bound:
+        drive = "the same drive with the unit of the command and the model checked"
         identified, reason = (
             False,
             f"ends at {value:.4g}, the edge of where it was looked for: another unit, or a wrong model?",
