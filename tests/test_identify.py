@@ -349,8 +349,9 @@ def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, caps
 
 
 def test_the_same_drive_twice_is_refused(good, tmp_path, capsys):
-    again = written(tmp_path / "again.csv", good)
-    assert "the same drive twice" in refused(tmp_path, capsys, good, options=[again])
+    files = [written(tmp_path / name, good) for name in ("log.csv", "again.csv")]
+    assert main(["identify", *files, "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
+    assert "again.csv" in (said := capsys.readouterr().err) and "the same drive twice" in said
 
 
 def test_a_channel_that_stands_exactly_still_for_long_loses_no_measurements(good, tmp_path):
