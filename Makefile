@@ -8,7 +8,8 @@ ARGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+# Modules are compiled when they are imported: most of what pip brings never is.
+INSTALL := $(BIN)/python -m pip --quiet --disable-pip-version-check install --no-compile
 SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
 
 .DEFAULT_GOAL := help
@@ -73,17 +74,17 @@ $(VENV)/.made:
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/.made $(SOURCES)
-	$(PIP) install .
+	$(INSTALL) .
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.made $(SOURCES)
-	$(PIP) install '.[dev]'
+	$(INSTALL) '.[dev]'
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-vehicles: $(VENV)/.made $(SOURCES)
-	$(PIP) install '.[vehicles]'
+	$(INSTALL) '.[vehicles]'
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-bench: $(VENV)/.made $(SOURCES)
-	$(PIP) install '.[benchmarks]'
+	$(INSTALL) '.[benchmarks]'
 	@touch $(VENV)/.installed $@

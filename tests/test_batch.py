@@ -9,8 +9,6 @@ import pytest
 
 from agvjax import Batch, NeuroBackstepping, Scenario, batch, evaluate, leaves, replace, simulate
 
-pytestmark = pytest.mark.xdist_group("batch")  # they share what they compile
-
 VALUES = {
     "deadzone.heading.slope_left": np.array([0.4, 0.72, 1.0]),
     "disturbance.amplitude": np.array([0.0, 0.2, 0.4]),
@@ -18,7 +16,9 @@ VALUES = {
 }
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(jnp.float64, 1e-12), (jnp.float32, 1e-5)])
+@pytest.mark.parametrize(
+    ("dtype", "tolerance"), [(jnp.float64, 1e-12), pytest.param(jnp.float32, 1e-5, marks=pytest.mark.slow)]
+)
 def test_rows_of_a_mapped_simulation_are_single_runs(dtype, tolerance):
     many, controller = batch(Scenario(), VALUES), NeuroBackstepping()
     run = functools.partial(simulate, n_steps=500, dtype=dtype)
@@ -126,6 +126,7 @@ def derivatives():
     return jax.jit(forward), jax.jit(jax.grad(of_gains, argnums=(0, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BAD)
 def test_a_diverging_run_leaves_forward_derivatives_alone(kind, derivatives):
     wanted, got = (derivatives[0](GAINS, values, WEIGHTS) for values in (SOUND, BAD[kind]))
@@ -145,6 +146,7 @@ def test_a_diverging_run_leaves_reverse_derivatives_alone(kind, derivatives):
         np.testing.assert_allclose(bad_own[name], value, rtol=1e-9, atol=1e-14, err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_controller_that_diverges_spoils_no_other():
     omega_n = jnp.array([90.0, 90.0 * 60, 60.0])  # 5400 rad/s: far outside what RK4 carries at 1 ms
 
@@ -161,10 +163,8 @@ def test_a_controller_that_diverges_spoils_no_other():
         np.testing.assert_allclose(leaves(rows)[name][others], before[others], rtol=1e-12, atol=1e-14, err_msg=name)
 
 
-SLOW_MODES = [pytest.param(f"{mode} derivative", marks=pytest.mark.slow) for mode in ("forward", "reverse")]
-
-
-@pytest.mark.parametrize("mode", ["value", *SLOW_MODES])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["value", "forward derivative", "reverse derivative"])
 def test_memory_of_evaluate_does_not_grow_with_the_horizon(mode):
     def temporary(n_steps):
         def value(k1):

@@ -302,7 +302,7 @@ def test_float32_follows_the_float64_reference(lap):
     np.testing.assert_allclose(packed(run)[:, :5], lap[1][:1001, :5], rtol=0, atol=1e-4)
 
 
-@pytest.mark.parametrize("save_every", [3, 130, 390])
+@pytest.mark.parametrize("save_every", [130, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 390))])
 def test_saving_less_often_gives_the_same_samples(save_every):
     p, n_steps = Parameters(), 390  # no multiple of the 100 steps that are tabulated together
     run = simulate(NeuroBackstepping(), Scenario(), n_steps=n_steps, save_every=save_every)

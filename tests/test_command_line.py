@@ -40,7 +40,6 @@ TUNE = [
 ]
 FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history", "sensitivity")}
 TUNED = ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "metrics.jsonl"]
-pytestmark = pytest.mark.xdist_group("command line")  # they share one tuning run
 
 
 def arguments(command, out, settings=(), *more):
@@ -253,6 +252,7 @@ def test_the_gains_are_settings_for_simulate(tuned, tmp_path):
     assert {name: used[name] for name in wanted} == wanted
 
 
+@pytest.mark.slow
 def test_an_ensemble_in_which_every_run_diverges_exits_with_1(tmp_path):
     out = tmp_path / "out"
     _, err = run(arguments("tune", out, [*TUNE, "scenario.limit=0.1", "ensemble.size=2"], "--quiet"), code=1)
@@ -280,6 +280,7 @@ def resume_and_compare(out, wanted, settings):
     assert files_of(out) == files_of(wanted)  # in particular no *.part
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_gains_and_the_rest_can_be_made_up(tuned, tmp_path):
     out = tmp_path / "out"
     code, err = stop_midway(out, TUNE, signal.SIGINT)

@@ -7,8 +7,6 @@ import pytest
 
 from agvjax import Cosine, NeuroBackstepping, Scenario, batch, check, evaluate, leaves, replace, simulate
 
-pytestmark = pytest.mark.xdist_group("gradients")  # they share what they compile
-
 GAINS = "k1 k2 k3 Lam Lam_psi omega_n zeta gamma1 gamma2 eta1 eta2 b1 b2".split()
 NUMBERS = "slope_right slope_left threshold_right threshold_left".split()
 DEADZONE = [f"deadzone.{channel}.{name}" for channel in ("position", "heading") for name in NUMBERS]

@@ -25,8 +25,6 @@ from agvjax.leaves import get, swap
 from reference import Parameters
 from tuning import ensemble
 
-pytestmark = pytest.mark.xdist_group("lyapunov")  # they share what they compile
-
 DRAWN, SQUARE = 24, (0.3, 0.6, 1.0, 1.6, 2.4, 4.0, 8.0)  # scenarios drawn, and rad/s of disturbances that switch
 LINEAR = 1  # the place in the batch of one whose actuators are linear
 

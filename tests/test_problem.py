@@ -31,7 +31,6 @@ from tuning.pareto import front
 from tuning.problem import starts
 from tuning.rounds import Outcome, begin
 
-pytestmark = pytest.mark.xdist_group("problem")
 TIMING = {"dt": 5e-3, "integrator": "euler"}
 DRAWS = {"start.heading": Between(-0.5, 1.0), "deadzone.heading.slope_right": Times(0.5, 1.5)}
 NO_SEARCH = Search(scouts=4, checks=0, starts=1, iterations=1)
@@ -129,6 +128,7 @@ def test_every_law_of_the_package_is_tuned_out_of_the_box(law):
 # --------------------------------------------------------------------------------------------------------- the gains
 
 
+@pytest.mark.slow
 def test_tied_gains_keep_their_ratio():
     config = problem(
         NeuroBackstepping(k1=18.0, k2=27.0), gains=("k1", "k3"), tied={"k2": "k1"}, limits={}, iterations=3
@@ -321,6 +321,7 @@ def test_a_wrong_gradient_is_found():
     assert "Do not trust" in page(found)
 
 
+@pytest.mark.slow
 def test_the_first_step_without_a_finite_slope_is_named():
     @agvjax.pytree
     class Root(Proportional):

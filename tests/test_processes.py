@@ -22,7 +22,7 @@ SWEEP = [
     "tune.search.scouts=16",
 ]
 RANDOM = ("--ensemble", "--samples", "16000")  # 63 shards
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("processes")]
+pytestmark = pytest.mark.slow
 
 
 def swept(out, *more):

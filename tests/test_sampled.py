@@ -141,7 +141,7 @@ def test_the_law_by_euler_diverges_at_20_ms_and_stepped_exactly_stays_within_a_c
     assert error[4000:].max() < 0.01
 
 
-@pytest.mark.parametrize("euler", [False, True])
+@pytest.mark.parametrize("euler", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_shorter_period_tends_to_the_continuous_law(euler):
     scenario = Scenario.of(Unicycle())
     exact = agvjax.simulate(NeuroBackstepping(), scenario, dt=2e-4, n_steps=2500).position[-1]
@@ -163,6 +163,7 @@ def test_the_paper_gains_on_a_vehicle_that_rolls():
     np.testing.assert_allclose(np.abs(run.inputs[0]), [199, 426], rtol=0.01)  # the start asks for what nothing delivers
 
 
+@pytest.mark.slow
 def test_without_anti_windup_the_same_gains_are_lost_from_three_metres():
     inner = NeuroBackstepping(k1=4.0, k2=15.0, Lam=4.0, omega_n=60.0)
     start = agvjax.Start(position=np.array([-2.1, 2.1]))

@@ -23,7 +23,6 @@ from tuning.sweep.design import design
 
 ROOT = Path(__file__).parent.parent
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
-pytestmark = pytest.mark.xdist_group("sweep")  # they share what they compile
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -331,6 +330,7 @@ def test_an_infinite_metric_has_no_sensitivities():
 # ------------------------------------------------------------------------------------------------------------- radius
 
 
+@pytest.mark.slow
 def test_the_radius_is_that_of_a_dense_grid():
     heading, slope = "start.heading", "deadzone.heading.slope_left"
     over = {heading: Span(Between(-1.0, 2.0)), slope: Span(Times(0.3, 1.5))}

@@ -34,7 +34,6 @@ LOWER = np.array([1.0, 5 / 3, 25 / 18, 0.0, 0.0, 0.0, 0.0])
 UPPER = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 200.0, 1.0])
 FREE = Free(NAMES, LOWER, UPPER)
 GOAL, EXCESS = HISTORY.index("goal"), HISTORY.index("excess")
-pytestmark = pytest.mark.xdist_group("tuning")  # they share what they compile
 
 
 @pytest.fixture(autouse=True, scope="module")

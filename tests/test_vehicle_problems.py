@@ -148,6 +148,7 @@ def test_simulate_writes_what_the_actuators_did(tmp_path, capsys):
     assert "at a limit" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_animation_that_fails_leaves_nothing_half_written(tmp_path, monkeypatch):
     from agvjax import animate
 
@@ -189,6 +190,7 @@ def test_metrics_of_what_is_delivered_are_those_of_the_samples():
     np.testing.assert_allclose(found.limited, np.trapezoid(np.asarray(run.limited, float), t), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_sweeps_take_vehicles_too(tmp_path):
     out = tmp_path / "sweep"
     more = ["sweep.radius=false", *SHORT[:1]]
@@ -199,7 +201,6 @@ def test_sweeps_take_vehicles_too(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("vehicles")
 def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
     pytest.importorskip("mujoco")
     pytest.importorskip("vehiclemodels")

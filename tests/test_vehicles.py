@@ -137,6 +137,7 @@ def test_a_push_moves_the_point_as_eq_6_says_and_a_drift_turns_it():
     np.testing.assert_allclose(rates([0.0, 0.0, 0.1]).heading, state.yaw_rate + 0.1)
 
 
+@pytest.mark.slow
 def test_slopes_of_a_drive_agree_with_differences():
     plant = DifferentialDrive(**ROBOT)
     scenario = Scenario.of(plant, deadzone=dict.fromkeys(plant.actuators, Deadzone()))

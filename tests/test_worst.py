@@ -181,6 +181,7 @@ def test_what_was_found_is_tuned_on_until_none_is_worse(solved):
     assert solved.posed.tuner.batch.size == pose(small()).tuner.batch.size  # nothing is compiled anew
 
 
+@pytest.mark.slow
 def test_the_worst_after_the_loop_is_no_worse_than_without_it(solved):
     before = solve(pose(small(search=Search(rounds=0, scouts=16, checks=0, starts=2, iterations=8))))
     worst = {f.metric: f.value for f in before.found}["rmse"]
