@@ -135,7 +135,7 @@ def deviation(got, wanted, whole=False):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(n, marks=[pytest.mark.slow] if n in ("paper", "osfc", "full_weight", "torques") else [])
+        pytest.param(n, marks=[pytest.mark.slow] if n in ("paper", "osfc", "full_weight", "torques", "car") else [])
         for n in LAWS
     ],
 )
@@ -175,10 +175,20 @@ def test_c_is_clean_under_the_sanitizers_and_its_self_test_passes(folder, tmp_pa
 
 
 @needs_gcc
-def test_the_self_test_notices_a_wrong_gain(folder, tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("LAW_R(3.0), /* inner.k1 */", "LAW_R(3.0001), /* inner.k1 */"),
+        ("LAW_R(3.0), /* inner.k1 */", "LAW_R(0.0 / 0.0), /* inner.k1 */"),
+        ("v0 = m_position_0 - r_position_0;", "v0 = m_position_0 + r_position_0;"),
+    ],
+    ids=["gain", "no number", "start"],
+)
+def test_the_self_test_notices_a_wrong_number(folder, tmp_path, old, new):
     compiled(exported("limited", folder), tmp_path)
     text = (tmp_path / "law.c").read_text()
-    (tmp_path / "law.c").write_text(text.replace("LAW_R(3.0), /* inner.k1 */", "LAW_R(3.0001), /* inner.k1 */"))
+    assert old in text[: text.index("void law_step")]  # the tuned gains, then the start
+    (tmp_path / "law.c").write_text(text.replace(old, new, 1))
     command = ["gcc", *FLAGS, "-o", "wrong", "law.c", "main.c", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)
     assert subprocess.run([str(tmp_path / "wrong")], capture_output=True, check=False).returncode == 1
@@ -243,7 +253,7 @@ def test_numpy_drives_as_the_simulator_does(folder):
     exec(numpy_file.files(exported("limited", folder))["agv_controller.py"], space)
     controller = space["Controller"]()
     places = drive(lambda m, r: controller.step(plain(m), plain(r)), LIMITED, SCENE, 300)
-    assert np.abs(places - simulated()).max() < 1e-9
+    assert np.abs(places - simulated()).max() < 1e-12
 
 
 @needs_gcc
@@ -272,7 +282,7 @@ def test_c_drives_as_the_simulator_does(folder, tmp_path):
         library.law_step(ctypes.c_void_p(tuned), *pointers, ctypes.byref(output))
         return dict(zip(("acceleration", "yaw_acceleration"), output.inputs, strict=True))
 
-    assert np.abs(drive(step, LIMITED, SCENE, 300) - simulated()).max() < 1e-9
+    assert np.abs(drive(step, LIMITED, SCENE, 300) - simulated()).max() < 1e-12
 
 
 # ---- NumPy

@@ -24,7 +24,6 @@ from tuning.identify.excitation import Designer, Room, candidate
 from tuning.identify.log import Column, load, together
 from tuning.identify.segments import Segments, cut, noise
 
-pytestmark = pytest.mark.xdist_group("identify")  # they share what one long fit found
 LOGS = Path(__file__).parents[1] / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
@@ -89,7 +88,11 @@ def settings(**more):
 
 def command(*arguments):
     """The command in a process of its own, which sets the compiler's options: several times faster."""
-    line = [sys.executable, "-m", "tuning.cli", "identify", *arguments, "--set", "scenario.plant=unicycle", "--quiet"]
+    return shell("identify", *arguments, "--set", "scenario.plant=unicycle")
+
+
+def shell(*arguments):
+    line = [sys.executable, "-m", "tuning.cli", *arguments, "--quiet"]
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
@@ -170,6 +173,54 @@ def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
     deadzones = [missed.count(name) for name in missed if name.startswith("deadzone.")]
     assert max(deadzones, default=0) <= 1, missed
     assert len(missed) <= 0.08 * count, missed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
+def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_vehicle(seed, tmp_path):
+    """Within 5 %, judged on the true vehicle from 64 starts."""
+    true = agvjax.check(truth(seed))
+    base = configuration.resolve(
+        {
+            "scenario": {"plant": "unicycle"},
+            "controller": {
+                "type": "sampled",
+                "inner": {"k1": 3.0, "k2": 10.0, "Lam": 2.0, "omega_n": 30.0},
+                "anti_windup": {"type": "back_calculation", "speed": 0.8, "limits": [5.5, 9.0]},
+            },
+            "identify": {"starts": 2, "drives": 0},
+            "tune": {
+                "limits": {"effort": 1.5, "peak_position": 1.5, "delivered_effort": 1.5},
+                "search": {"rounds": 0, "starts": 1, "iterations": 1, "scouts": 1, "checks": 0},
+            },
+            "ensemble": {
+                "size": 32,
+                "draws": {"start.position": {"between": [-0.5, 0.5]}, "start.heading": {"between": [-0.5, 1.0]}},
+            },
+        },
+        "tune",
+    )
+    parts = {name: getattr(true, name) for name in ("plant", "deadzone", "actuators", "disturbance")}
+    known = dataclasses.replace(
+        base,
+        scenario=dataclasses.replace(base.scenario, **parts),
+        controller=dataclasses.replace(base.controller, vehicle=true.plant),
+    )
+    (tmp_path / "base.toml").write_text(configuration.dump(base))
+    (tmp_path / "true.toml").write_text(configuration.dump(known))
+    log, found = written(tmp_path / "log.csv", drive(seed)), str(tmp_path / "found")
+    assert shell("identify", log, "--config", str(tmp_path / "base.toml"), "--out", found).returncode == 0
+    judges, errors = sample(known.scenario, base.ensemble.draws, 64, 99), {}
+    for name, file in (("identified", f"{found}/scenario.toml"), ("true", str(tmp_path / "true.toml"))):
+        done = shell("tune", "--config", file, "--out", str(tmp_path / name))
+        assert (tmp_path / name / "gains.toml").is_file(), done.stderr
+        law = configuration.load([file, str(tmp_path / name / "gains.toml")], []).controller
+        metrics = agvjax.evaluate(law, judges)
+        assert np.all(metrics.ok)
+        errors[name] = float(np.mean(metrics.total_rmse)), float(np.max(metrics.total_rmse))
+    ratios = np.array(errors["identified"]) / errors["true"]
+    print(f"vehicle {seed}: identified / true, mean and worst: {ratios}")
+    assert np.all(ratios < 1.05)
 
 
 def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
@@ -289,6 +340,24 @@ def test_a_wrong_unit_is_noticed(good, tmp_path, capsys, change, words):
     assert words in refused(tmp_path, capsys, scaled(good, **change))
 
 
+@pytest.mark.parametrize(
+    ("order", "sign", "words"),
+    [((2, 1, 3, 5, 4), 1, "exchanged"), ((1, 2, 3, 4, 5), -1, "counts clockwise, or one of x and y")],
+)
+def test_axes_of_another_convention_are_noticed(good, tmp_path, capsys, order, sign, words):
+    rows = good.copy()
+    rows[:, 1:6] = good[:, order]
+    rows[:, 3] *= sign
+    assert words in refused(tmp_path, capsys, rows)
+
+
+def test_a_file_of_another_separator_is_named(good, tmp_path, capsys):
+    file = Path(written(tmp_path / "log.csv", good))
+    file.write_text(file.read_text().replace(",", ";"))
+    assert main(["identify", str(file), "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
+    assert "semicolons" in capsys.readouterr().err
+
+
 def test_a_stated_unit_is_converted(good, tmp_path):
     file = written(tmp_path / "log.csv", scaled(good, heading=180 / np.pi, t=1000))
     columns = {"heading": Column("heading", "deg"), "t": Column("t", "ms")}
@@ -335,6 +404,8 @@ def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, caps
         ("scenario.plant=decoupled", "scenario.plant"),
         ("precision=32", "precision"),
         ("identify.segment=40", "LOG.csv"),
+        ("identify.segment=0.02", "identify.segment"),
+        ("identify.fit=[]", "identify.fit"),
     ],
 )
 def test_bad_settings_are_named(good, tmp_path, capsys, option, key):

@@ -63,6 +63,9 @@ def read(
         raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
     header = [name.strip() for name in rows[0][1]]
     missing = [name for name in columns if name not in header]
+    if missing and len(header) == 1 and (other := next((c for c in ";\t" if c in header[0]), "")):
+        name = {";": "semicolons", "\t": "tabs"}[other]
+        raise ValueError(f"{file} must have its columns separated by commas; they seem to be by {name}")
     if missing:
         raise ValueError(f"{file} has no column {', '.join(missing)}; its first row has {', '.join(header)}")
     wanted = [name for name in (*columns, *optional) if name in header]

@@ -28,7 +28,7 @@ ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # noi
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit the logs, judge, predict, suggest a drive; write report, estimates and the scenario to tune for."""
-    config = configure(arguments, {"identify.fit": arguments.fit.split(",")} if arguments.fit else None)
+    config = configure(arguments, {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None)
     task.check(config)
     if arguments.unseen and not arguments.logs:
         raise InputError([Problem("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])

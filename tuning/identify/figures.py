@@ -113,10 +113,11 @@ def predictions(found: Sequence[Prediction]) -> Figure:
     """How the error of predictions grows."""
     figure = Figure(figsize=(5.2 * len(found), 3.4), layout="constrained")
     for one, axis in zip(found, np.atleast_1d(figure.subplots(1, len(found))), strict=True):
-        axis.plot(one.t, 1e3 * one.errors.T, color="C0", lw=0.5, alpha=0.6)
+        axis.plot(one.t.T, 1e3 * one.errors.T, color="C0", lw=0.5, alpha=0.6)
         axis.set_title(f"{one.log}: {one.windows} windows", fontsize="medium")
         axis.set_xlabel("s since the prediction began")
         axis.set_ylabel("recorded to predicted [mm]")
+        axis.set_xlim(0, one.horizon)
         axis.set_ylim(0)
     return figure
 

@@ -44,7 +44,7 @@ class Fit(NamedTuple):
     free: np.ndarray  # (P,), False for those that were left where they were
     sums: Sums  # with weights 1 / sigma^2
     segments: Segments
-    sigma: np.ndarray  # (C,), root mean square of what is left in each channel
+    sigma: np.ndarray  # (C,), standard deviation of what is left in each channel
     counts: Counts
     arrived: tuple[int, int]  # how many of how many starts ended at the best sum of squares, within 1 %
     evaluations: int
@@ -161,7 +161,7 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     search = Search(search.function, weighed(segments, sigma), parameters, states, evaluations)
     p, _ = search.run(p, free, TRIALS)
     for k in range(ROUNDS):
-        search = _judged(search, p, outlier, k)
+        search = _judged(search, p, outlier)
         if k == 0 and wavy.any() and task.one_clock:
             p, free = _sinusoid(search, p, wavy, names)
         p, _ = search.run(p, free, LAST)
@@ -181,7 +181,7 @@ def refitted(
     search.evaluations = before.evaluations if evaluations is None else evaluations
     p, _ = search.run(p, free, LAST)
     sums = search.sums(p)
-    sigma = _spread(sums.residual, before.segments.weight > 0)
+    sigma = _spread(sums, before.segments.weight > 0, int(free.sum()))
     final = Search(search.function, weighed(before.segments, sigma), before.parameters, sums.states)
     final.evaluations = search.evaluations
     sums = final.sums(p)
@@ -215,18 +215,19 @@ def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed:
     return found
 
 
-def _spread(residual: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Root mean square of each channel (C,)."""
-    counted = np.maximum(kept.sum(axis=(0, 1)), 1)
-    return np.maximum(np.sqrt((residual**2 * kept).sum(axis=(0, 1)) / counted), 1e-9)
+def _spread(sums: Sums, kept: np.ndarray, free: int) -> np.ndarray:
+    """Standard deviation of each channel (C,), unbiased: what states and free parameters took up is not counted."""
+    share = 1 - (sums.states.size + free) / max(kept.sum(), 1)
+    counted = np.maximum(kept.sum(axis=(0, 1)) * share, 1)
+    return np.maximum(np.sqrt((sums.residual**2 * kept).sum(axis=(0, 1)) / counted), 1e-9)
 
 
-def _judged(search: Search, p: np.ndarray, outlier: float, k: int) -> Search:
+def _judged(search: Search, p: np.ndarray, outlier: float) -> Search:
     """The problem with what lies further off than `outlier` standard deviations left out, channels weighed anew."""
     sums, kept = search.sums(p), search.segments.weight > 0
     middle = np.array([_usual(np.abs(sums.residual[..., c][kept[..., c]])) for c in range(kept.shape[-1])])
     kept = kept & (np.abs(sums.residual) <= outlier * np.maximum(1.4826 * middle, 1e-9))
-    sigma = _spread(sums.residual, kept)
+    sigma = _spread(sums, kept, len(p))
     segments = search.segments._replace(weight=kept / sigma**2)
     return Search(search.function, segments, search.parameters, sums.states, search.evaluations)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax import Problem
+from agvjax.angle import wrap
 
 from ..recordings import UNITS, Column, read
 
@@ -131,12 +132,13 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
     if speed > 60.0:
         suspect("x", "mm", f"the vehicle would do {speed:.0f} m/s")
     turns = np.abs(np.diff(heading))
-    if (
-        _degrees(path, heading, rolls)
-        or np.mean((turns > 180) & (turns <= 360.5)) > 0
-        and np.abs(heading).max() > 4 * np.pi
-    ):
+    jumps = np.mean((turns > 180) & (turns <= 360.5)) > 0 and np.abs(heading).max() > 4 * np.pi
+    reading = _reading(path, heading) if rolls else AS_GIVEN
+    if reading.degrees or jumps:
         suspect("heading", "deg", "as radians it fits neither the way the vehicle goes nor a whole turn")
+    if reading.words:
+        rule = f"along the way that the vehicle goes, forwards or backwards; it is where {reading.words}"
+        found.append(Problem("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
     shifted = {"vx": _smooth_rate(t, path[:, 0]), "vy": _smooth_rate(t, path[:, 1])}
     if not found:
         shifted["yaw_rate"] = _smooth_rate(t, np.unwrap(heading))
@@ -199,23 +201,44 @@ def _unit_of(ratio: float, name: str) -> tuple[str, str] | None:
     return None
 
 
-def _degrees(path: np.ndarray, heading: np.ndarray, rolls: bool) -> bool:
-    """Whether a heading fits the way the vehicle goes, forwards or backwards, in degrees and not in radians."""
-    if not rolls:
-        return False
-    picked, last = [], 0  # ends of stretches of at least 5 % of the size of the path, so that noise does not count
+class Reading(NamedTuple):
+    """How a heading is to be read so that a vehicle goes where it looks; in words what differs from the convention."""
+
+    degrees: bool
+    words: str
+
+
+AS_GIVEN = Reading(False, "")
+WRONG = 0.3  # of its way that a vehicle slides aside, in the median, so that its heading cannot be read as given
+TURNED = {  # other conventions, and what they make of an angle
+    "": lambda h: h,
+    "x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
+    "heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
+}
+
+
+def _reading(path: np.ndarray, heading: np.ndarray) -> Reading:
+    """The way of reading under which a heading fits the way the vehicle goes, where the given one does not at all."""
+    picked, last = [], 0  # ends of stretches of at least 2 % of the size of the path, so that noise does not count
     least = 0.02 * float(np.ptp(path, axis=0).max())
     for i in range(path.shape[0]):
         if np.linalg.norm(path[i] - path[last]) >= max(least, 1e-9):
             picked.append((last, i))
             last = i
     if len(picked) < 5:
-        return False
-    ends = np.array(picked)
-    way = np.arctan2(*(path[ends[:, 1]] - path[ends[:, 0]]).T[::-1])
-    middle = heading[ends.mean(axis=1).astype(int)]
-    off, off_degrees = (np.median(np.abs(np.sin(h - way))) for h in (middle, np.deg2rad(middle)))
-    return bool(off > off_degrees + 0.15 and off > 0.5)  # a reference point ahead of the axle moves aside in bends
+        return AS_GIVEN
+    first, last = np.array(picked).T
+    moved, off = path[last] - path[first], {}
+    for degrees in (False, True):
+        for words, turn in TURNED.items():
+            h = turn(np.deg2rad(heading) if degrees else heading)
+            middle, turned = h[(first + last) // 2], np.asarray(wrap(h[last] - h[first]))
+            aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
+            ahead = aside @ turned / max(turned @ turned, 1e-12)  # m, of the reference point before the axle that rolls
+            share = np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)
+            off[Reading(degrees, words)] = float(np.median(share))
+    best = min(off, key=lambda reading: off[reading])
+    return best if off[best] < WRONG / 2 and off[AS_GIVEN] > WRONG else AS_GIVEN
 
 
 def together(logs: Sequence[Log]) -> tuple[tuple[Log, ...], bool]:

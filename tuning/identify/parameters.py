@@ -123,7 +123,8 @@ def _parameter(scenario: Any, name: str, logs: Sequence[Log], substep: float) ->
     sign = rule is not None and rule.low >= 0
     size = abs(value) or 1.0
     low = value - 20 * size if not sign else 0.02 * size if rule is not None and rule.text == "> 0" else 0.0
-    return Parameter(name, unit, value, low, value + 20 * size, size, 0.0)
+    high = min(value + 20 * size, np.inf if rule is None else rule.high)
+    return Parameter(name, unit, value, low, high, size, 0.0)
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

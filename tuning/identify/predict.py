@@ -26,14 +26,28 @@ class Prediction(NamedTuple):
     windows: int
     worst: float  # m, distance of the positions, largest within the horizon
     rms: float  # m
-    ends: np.ndarray  # (W,), m, largest of each window
-    t: np.ndarray  # (K,), s since the prediction began
-    errors: np.ndarray  # (W, K), m; NaN where nothing was measured
+    t: np.ndarray  # (W, K), s since the prediction began
+    errors: np.ndarray  # (W, K), m; NaN before that and where nothing was measured
 
 
 def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
     """How many predictions a log is long enough for."""
-    return cut([log], SEEN, memory, gap, ahead=horizon)[1].segments
+    return len(_ahead(log, horizon, memory, gap)[0].t)
+
+
+def _ahead(log: Log, horizon: float, memory: float, gap: float) -> tuple[Segments, np.ndarray, np.ndarray]:
+    """W windows, how long after its beginning each row is (W, K) [s], and whether it counts (W, K).
+
+    A window counts where a position was measured in it.
+    """
+    segments, _ = cut([log], SEEN, memory, gap, ahead=horizon)
+    live = (segments.live > 0) & (segments.rows >= 0)
+    first = np.min(segments.t, axis=1, where=live, initial=np.inf)
+    since = segments.t - first[:, None] - SEEN
+    measured = np.isfinite(log.measured["x"] + log.measured["y"])[np.maximum(segments.rows, 0)]
+    counted = live & (since > -1e-9) & measured
+    some = counted.any(axis=1)
+    return Segments(*(x[some] for x in segments)), since[some], counted[some]
 
 
 def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
@@ -56,29 +70,22 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
     residuals = jax.jit(jax.vmap(fit.model.residual, in_axes=(None, 0, 0)))
     found = []
     for log in logs:
-        segments, _ = cut([log], SEEN, memory, gap, ahead=horizon)
+        segments, since, counted = _ahead(log, horizon, memory, gap)
         states, brief = first_states(fit.model, [log], segments), _brief(segments, fit, log.step)
         for _ in range(SETTLED):
             states = function(p, states, brief).states
         residual = np.asarray(residuals(p, states, segments))
         x, y = (fit.model.channels.index(name) for name in ("x", "y"))
-        measured = np.isfinite(log.measured["x"] + log.measured["y"])[np.maximum(segments.rows, 0)]
-        later = (segments.live > 0) & (segments.rows >= 0) & (segments.weight.max(axis=2) == 0) & measured
-        later &= segments.t >= segments.t[:, :1] + memory + SEEN - 1e-9  # and not only a gap in what was seen
-        error = np.where(later, np.hypot(residual[..., x], residual[..., y]), np.nan)
-        kept = [row[np.isfinite(row)] for row in error]
-        width = min(map(len, kept))
-        errors = np.array([row[:width] for row in kept])
+        error = np.where(counted, np.hypot(residual[..., x], residual[..., y]), np.nan)
         found.append(
             Prediction(
                 log.name,
                 horizon,
-                len(errors),
+                len(error),
                 float(np.nanmax(error)),
                 float(np.sqrt(np.nanmean(error**2))),
-                np.nanmax(error, axis=1),
-                np.arange(1, width + 1) * log.step,
-                errors,
+                since,
+                error,
             )
         )
     return found

@@ -70,13 +70,22 @@ def task(files: Sequence[str], config: Config) -> Task:
     settings, first = config.identify, read_logs[0]
     segments, counts = cut(read_logs, settings.segment, settings.memory, settings.gap)
     if counts.segments < LEAST_STRETCHES:
-        rule = f"at least {LEAST_STRETCHES} stretches of identify.segment, {settings.segment:g} s, without gaps;"
-        raise InputError([Problem("LOG.csv", first.name, f"{rule} it has {counts.segments}")])
+        long = sum(log.t[-1] - log.t[0] for log in read_logs)
+        rule = (
+            f"at least {LEAST_STRETCHES} stretches of identify.segment, {settings.segment:g} s, without gaps, after"
+            f" identify.memory, {settings.memory:g} s, at the beginning and after each gap;"
+            f" it has {counts.segments} in {long:.3g} s with {counts.gaps} gaps"
+        )
+        raise InputError([Problem("LOG.csv", first.name, rule)])
     shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
     model = of(config, tuple(first.measured), first.commands, shortest)
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
+    unknown = counts.segments * model.start(np.zeros(5)).size + len(parameters)
+    if (told := int((segments.weight > 0).sum())) < 2 * unknown:
+        rule = f"so long that there are twice as many measurements as unknowns; there are {told} for {unknown}"
+        raise InputError([Problem("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
     return Task(read_logs, one_clock, segments, brief, counts, model, parameters)
