@@ -31,6 +31,7 @@ def test_rows_of_a_mapped_simulation_are_single_runs(dtype, tolerance):
             np.testing.assert_allclose(row[i], single, rtol=0, atol=tolerance * max(1.0, float(np.abs(single).max())))
 
 
+@pytest.mark.slow
 def test_blocks_change_no_metric_whether_they_divide_the_batch_or_not():
     heading = np.linspace(-0.5, 1.0, 5)
     many = batch(Scenario(), {"start.heading": heading, "start.position": np.linspace(-0.5, 0.5, 10).reshape(5, 2)})

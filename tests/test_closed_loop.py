@@ -208,7 +208,9 @@ READINGS = {
 }
 
 
-@pytest.mark.parametrize("name", READINGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in ("swapped bearing", "tangent") else pytest.mark.slow) for n in READINGS]
+)
 def test_reading_agrees_with_the_reference_to_rounding(name):
     controller, scenario, reading, dt, n_steps = READINGS[name]
     states = rk4.__wrapped__(Parameters(**reading), dt, n_steps)
@@ -218,6 +220,7 @@ def test_reading_agrees_with_the_reference_to_rounding(name):
     assert np.abs(states - default)[:, :5].max() > 1e-3  # the reading decides something here
 
 
+@pytest.mark.slow
 def test_a_step_begins_where_the_raw_bearing_jumps():
     crossing = np.pi / reference.THETA_RATE  # 5.998 s
     run = simulate(NeuroBackstepping(), Scenario(heading=RawBearing()), dt=2e-3, n_steps=3250)

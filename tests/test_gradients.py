@@ -119,6 +119,7 @@ def test_reverse_mode_of_a_batch_is_forward_mode(in_batch):
     np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-10 * np.abs(forward).max())
 
 
+@pytest.mark.slow
 def test_evaluate_maps_over_controllers():
     k1 = jnp.array([10.0, 20.0, 30.0])
 

@@ -179,6 +179,7 @@ def test_several_starts_go_as_one_batch_and_the_best_is_taken():
 # -------------------------------------------------------------------------------------------------------- requirements
 
 
+@pytest.mark.slow
 def test_hard_limits_are_met_or_said_with_their_conflict():
     limits = {"effort_heading": Limit(mean=0.8, worst=0.8), "rmse_heading": Limit(mean=0.9)}
     outcome, over = tuned(problem(limits=limits, goals={"rmse": Weights(mean=1.0)}, iterations=60))
@@ -240,6 +241,7 @@ def test_draws_that_break_a_rule_are_named():
 # ---------------------------------------------------------------------------------------------------------- learning
 
 
+@pytest.mark.slow
 def test_what_is_learned_agrees_with_differences():
     posed = pose(problem(iterations=1))
     tuner, z = posed.tuner, posed.tuner.begin().z + 0.1

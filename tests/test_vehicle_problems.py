@@ -178,6 +178,7 @@ assert abs(float(slope.sum()) - (1 / 1.5 + .3 / 2)) < 1e-5, slope.sum()
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.slow
 def test_metrics_of_what_is_delivered_are_those_of_the_samples():
     scenario = configuration.load(["unicycle"], [], "simulate").scenario
     law = agvjax.Sampled(vehicle=agvjax.Unicycle())

@@ -264,7 +264,7 @@ BAD_FILES = {
     "one": ("t,x\n0,1\n", "at least 2 rows below its header; it has 1"),
     "column": ("time,x\n0,1\n1,1\n", "has no column t; its first row has time, x"),
     "numbers": ("0,1\n1,2\n2,3\n", "has no column t; its first row has 0, 1"),
-    "semicolons": ("t;x\n0;1\n1;2\n", "has no column t; its first row has t;x"),
+    "semicolons": ("t;x\n0;1\n1;2\n", "separated by commas; they seem to be by semicolons"),
     "twice": ("t,x,x\n0,1,1\n1,1,1\n", "more than one column x"),
     "text": ("t,x\n0,1\n1,fast\n", "row 3, column x: 'fast' must be a finite number"),
     "gap": ("t,x\n0,1\n\n1,\n", "row 4, column x: '' must be a finite number"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -82,7 +83,7 @@ def task(files: Sequence[str], config: Config) -> Task:
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
-    unknown = counts.segments * model.start(np.zeros(5)).size + len(parameters)
+    unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
     if (told := int((segments.weight > 0).sum())) < 2 * unknown:
         rule = f"so long that there are twice as many measurements as unknowns; there are {told} for {unknown}"
         raise InputError([Problem("identify.segment", settings.segment, rule)])
