@@ -100,6 +100,9 @@ def _among(command: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code: 0 success, 1 a run that failed, 2 bad input, 130 interrupted."""
     arguments = parser().parse_args(argv)
+    # before JAX: compilers say more than a user can use, and of every program they kept that it is of another machine
+    # (jaxlib 0.10 on processors with AVX-512, openxla/xla issue 44565); what fails comes as an exception all the same
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         command = importlib.import_module(f".commands.{arguments.command}", __package__)  # late: --help needs no JAX
         from .commands.common import InputError, RunFailed, interrupts

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import os
+import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -27,8 +28,8 @@ def folder() -> Path:
 
 
 def keep_compiled() -> None:
-    """Let JAX keep what it compiles, however quickly it was compiled."""
-    jax.config.update("jax_compilation_cache_dir", str(folder() / "xla"))
+    """Let JAX keep what it compiles, however quickly it was compiled; apart for each kind of processor."""
+    jax.config.update("jax_compilation_cache_dir", str(folder() / f"xla-{_machine()}"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
@@ -76,6 +77,16 @@ class Ahead:
 def meanwhile(function: Callable[..., Any], *arguments: Any) -> None:
     """Call a function in the background after all that, for the sake of what it compiles."""
     _POOL.submit(function, *arguments)
+
+
+def _machine() -> str:
+    """Of this processor: what was compiled for another may not run on it, and a home may be shared by both."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        told = sorted({line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))})
+    except OSError:
+        told = [platform.processor()]
+    return hashlib.sha256(repr((platform.machine(), told)).encode()).hexdigest()[:8]
 
 
 def _committed(module: export.Exported, example: tuple[Any, ...]) -> Callable[..., Any]:
