@@ -365,6 +365,42 @@ def test_a_stated_unit_is_converted(good, tmp_path):
     assert np.allclose(log.measured["heading"], good[:, 3], atol=1e-5) and np.isclose(log.t[-1], good[-1, 0])
 
 
+@pytest.mark.parametrize(
+    ("change", "words", "mended"),
+    [
+        (
+            np.diag([-1.0, 1.0]),
+            "acceleration of the other sign",
+            'acceleration = { column = "acceleration", factor = -1 }',
+        ),
+        pytest.param(1e3 * np.eye(2), "1000 times smaller", "factor = 0.001", marks=pytest.mark.slow),
+        pytest.param(1e-3 * np.eye(2), "1000 times larger", "factor = 1000", marks=pytest.mark.slow),
+        pytest.param(
+            np.array([[0.0, -1.0], [1.0, 0.0]]),
+            "acceleration and yaw_acceleration exchanged and yaw_acceleration of the other sign",
+            '{ column = "yaw_acceleration" } and yaw_acceleration = { column = "acceleration", factor = -1 }',
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_commands_of_another_sign_unit_or_order_are_noticed(good, tmp_path, change, words, mended):
+    """By the fit: nothing in the columns themselves betrays them."""
+    rows = good.copy()
+    rows[:, 6:] = rows[:, 6:] @ change.T
+    done = command(written(tmp_path / "log.csv", rows), "--out", str(tmp_path / "out"), "--set", "identify.starts=1")
+    assert done.returncode == 2 and not (tmp_path / "out").exists()
+    assert words in done.stderr and mended in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_factor_mends_a_column(good, tmp_path):
+    columns = {"acceleration": Column("acceleration", factor=-2.0), "t": Column("t", "ms", 1e3)}
+    log = load(written(tmp_path / "log.csv", good), agvjax.Unicycle(), columns)
+    assert np.allclose(log.inputs[:, 0], -2 * good[:, 6], rtol=1e-6) and np.isclose(log.t[-1], good[-1, 0])
+    config = settings(columns={name: place._asdict() for name, place in columns.items()})
+    (tmp_path / "config.toml").write_text(configuration.dump(config))
+    assert configuration.load([str(tmp_path / "config.toml")], []).identify.columns == columns
+
+
 def test_time_that_stands_still_is_named(good, tmp_path, capsys):
     rows = good.copy()
     rows[100, 0] = rows[99, 0]
@@ -400,6 +436,9 @@ def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, caps
         ("identify.columns.xx='x'", "identify.columns.xx"),
         ("identify.columns.x={column='x',unit='furlong'}", "identify.columns.x.unit"),
         ("identify.columns.t={column='t',unit='km/h'}", "identify.columns.t.unit"),
+        ("identify.columns.acceleration={factor=0}", "identify.columns.acceleration"),
+        ("identify.columns.acceleration={factor='-1'}", "identify.columns.acceleration"),
+        ("identify.columns.acceleration={factor=nan}", "identify.columns.acceleration"),
         ("identify.columns={x='y',y='y'}", "identify.columns.x"),
         ("scenario.plant=decoupled", "scenario.plant"),
         ("precision=32", "precision"),
@@ -466,11 +505,10 @@ def test_the_mujoco_robot_is_predicted_within_two_centimetres(tmp_path):
     out = tmp_path / "out"
     files = [str(LOGS / name) for name in ("robot-excited.csv", "robot-lemniscate.csv")]
     unseen = ["--unseen", str(LOGS / "robot-spline.csv")]
-    line = [sys.executable, "-m", "tuning.cli", "identify", *files, *unseen, "--config", "robot", "--quiet"]
-    done = subprocess.run([*line, "--out", str(out), "--set", "identify.drives=0"], capture_output=True, check=False)
+    done = shell("identify", *files, *unseen, "--config", "robot", "--out", str(out), "--set", "identify.drives=0")
     assert done.returncode == 0, done.stderr
     found = json.loads((out / "estimates.json").read_text())
-    assert found["predictions"][0]["worst"] < 0.02 and found["predictions"][0]["windows"] > 20
+    assert found["predictions"][0]["worst"] < 0.02 and found["predictions"][0]["windows"] >= 15
     true = agvjax.DifferentialDrive().deadzones()["torque_left"]
     for name, e in found["parameters"].items():
         if name.startswith("deadzone."):

@@ -154,7 +154,8 @@ def _table(key: str, value: Any) -> Any:
     if isinstance(value, Correlated):
         return _table(key, value.marginal)
     if isinstance(value, Column):
-        return {"column": value.column, "unit": value.unit} if value.unit else value.column
+        more = {name: x for name, x in (("unit", value.unit), ("factor", value.factor)) if x not in ("", 1.0)}
+        return {"column": value.column, **more} if more else value.column
     if isinstance(value, Correlation):
         return {"leaves": list(value.leaves), "matrix": [list(row) for row in value.matrix]}
     if isinstance(value, Distribution):

@@ -227,18 +227,19 @@ class Reader:
         return found if len(self.problems) == before else default_draws()
 
     def columns(self, key: str, given: Any) -> dict[str, Column]:
-        """Columns of a log by what they hold: a name, or a name and a unit."""
+        """Columns of a log by what they hold: a name, or a name, a unit and a factor."""
         if not isinstance(given, Mapping):
             self.wrong(key, given, "a table")
             return {}
         found = {}
         for name, value in given.items():
             table = {"column": value} if isinstance(value, str) else value
-            fits = isinstance(table, Mapping) and set(table) <= {"column", "unit"}
-            if fits and all(isinstance(x, str) for x in table.values()):
-                found[name] = Column(str(table.get("column", name)), str(table.get("unit", "")))
+            column = Column(**{"column": name, **table}) if _column(table) else None
+            if column is None:
+                rule = '"the name of a column", or { column = "its name", unit = "deg", factor = -1 }, no factor 0'
+                self.wrong(f"{key}.{name}", value, rule)
             else:
-                self.wrong(f"{key}.{name}", value, '"the name of a column", or { column = "its name", unit = "deg" }')
+                found[name] = column
         return found
 
     def correlation(self, key: str, given: Any) -> Correlation | None:
@@ -340,6 +341,19 @@ def _span(given: Any) -> Span | None:
 
 def _number(given: Any) -> bool:
     return isinstance(given, (int, float)) and not isinstance(given, bool)
+
+
+def _column(given: Any) -> bool:
+    """Whether this table says where a column is."""
+    if not isinstance(given, Mapping) or not set(given) <= {"column", "unit", "factor"}:
+        return False
+    factor = given.get("factor", 1.0)
+    return (
+        all(isinstance(given.get(name, ""), str) for name in ("column", "unit"))
+        and _number(factor)
+        and bool(np.isfinite(factor))
+        and factor != 0
+    )
 
 
 def _numbers(given: Any) -> np.ndarray | None:

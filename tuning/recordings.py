@@ -36,10 +36,11 @@ UNITS = {
 
 
 class Column(NamedTuple):
-    """Where a quantity stands in a file, and in which unit; without one it is SI."""
+    """Where a quantity stands in a file, in which unit (without one it is SI), and a factor on what stands there."""
 
     column: str
     unit: str = ""
+    factor: float = 1.0
 
 
 def read(

@@ -130,6 +130,13 @@ def new_folder(arguments: argparse.Namespace) -> Path:
     return out
 
 
+def leave_folder(out: Path) -> None:
+    """Nothing stays of a run whose input turned out to be wrong after its folder was made."""
+    (out / "config.toml").unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # something else was put there
+        out.rmdir()
+
+
 def same_folder(arguments: argparse.Namespace, config: Config) -> Path:
     """The folder of the run to go on with; its settings must be these."""
     out = Path(arguments.out or os.devnull)

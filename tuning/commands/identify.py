@@ -21,7 +21,7 @@ from ..identify.parameters import parameters, values
 from ..identify.predict import predict, windows
 from ..identify.verdict import identify
 from ..settings import Config
-from .common import configure, new_folder, say
+from .common import configure, leave_folder, new_folder, say
 
 ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # noise where no log tells it
 
@@ -51,7 +51,12 @@ def run(arguments: argparse.Namespace) -> int:
             page.write_drive(drive, out)
             text = page.suggestion(drive)
         else:
-            text = page.write(config, _found(config, posed, unseen, tick), out)
+            try:
+                found = _found(config, posed, unseen, tick)
+            except InputError:
+                leave_folder(out)
+                raise
+            text = page.write(config, found, out)
     more = f"; begin with {out}/report.html, go on with agvjax tune --config {out}/scenario.toml" if posed else ""
     say(arguments, text, f"written to {out}{more}")
     return 0

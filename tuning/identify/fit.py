@@ -12,7 +12,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
+from agvjax import InputError
+
+from ..recordings import Column
+from . import parameters as wanted
 from .log import POSE, Log
+from .misread import misread
 from .model import Model, Sums, compiled
 from .parameters import OMEGA, SINUSOID, Parameter, sinusoidal
 from .segments import Counts, Segments, noise
@@ -34,6 +39,7 @@ class Task(NamedTuple):
     counts: Counts
     model: Model
     parameters: tuple[Parameter, ...]
+    columns: Mapping[str, Column]  # of the files, where the configuration names them
 
 
 class Fit(NamedTuple):
@@ -143,7 +149,11 @@ def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
 
 
 def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str], Any] = lambda text: None) -> Fit:
-    """The best parameters from several starts; a frequency is looked for and kept only where it explains something."""
+    """The best parameters from several starts; a frequency is looked for and kept only where it explains something.
+
+    Raises:
+        agvjax.InputError: the commands do not explain the log, but would with another sign, unit or order.
+    """
     parameters, segments, model = task.parameters, task.segments, task.model
     names = [q.name for q in parameters]
     wavy = np.array([sinusoidal(name) and OMEGA in names for name in names])  # at a known frequency they are linear
@@ -156,6 +166,7 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
         ends.append(search.run(p, ~wavy, TRIALS))
         tick(f"start {i + 1} of {starts}")
     p, cost = min(ends, key=lambda end: end[1])
+    _doubt(task, search, cost, states, ~wavy)
     arrived, evaluations, free = sum(end[1] <= 1.01 * cost for end in ends), search.evaluations, ~wavy
     states = first_states(model, task.logs, segments)
     search = Search(search.function, weighed(segments, sigma), parameters, states, evaluations)
@@ -170,7 +181,26 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     counts = task.counts._replace(outliers=task.counts.outliers + left)
     sums = search.sums(p)
     found = Fit(parameters, p, free, sums, search.segments, sigma, counts, (arrived, starts), 0, model, {})
-    return refitted(found, p, free, {}, search.evaluations)
+    why = "no frequency in the disturbance explains what is left"
+    why = why if task.one_clock else "not looked for, since the logs have no clock in common"
+    gone = {name: f"{why}; taken as 0" for name, moves in zip(names, free, strict=True) if not moves}
+    return refitted(found, p, free, gone, search.evaluations)
+
+
+def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np.ndarray) -> None:
+    """Are the commands what they are taken for?"""
+    told, names = int((search.segments.weight > 0).sum()), task.model.commands
+    substep = max(log.step for log in task.logs) / task.model.substeps
+
+    def fitted(matrix: np.ndarray) -> float:
+        logs = [log._replace(inputs=log.inputs @ matrix.T) for log in task.logs]
+        segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
+        parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep)
+        p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
+        return float(np.sqrt(Search(search.function, segments, parameters, states).run(p, free, TRIALS)[1] / told))
+
+    if wrong := misread(names, task.columns, float(np.sqrt(cost / told)), fitted):
+        raise InputError(wrong)
 
 
 def refitted(

@@ -84,7 +84,7 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
     except ValueError as error:
         rule = f"a log: a CSV file with {', '.join(needed)}, or others named in [identify.columns] ({error})"
         raise agvjax.InputError([Problem(key, str(file), rule)]) from error
-    values = {n: table[p.column] * UNITS.get(p.unit, 1.0) for n, p in where.items() if p.column in table}
+    values = {n: table[p.column] * UNITS.get(p.unit, 1.0) * p.factor for n, p in where.items() if p.column in table}
     measured = {name: values[name] for name in MEASURED if name in values}
     t = values["t"] - values["t"][0]
     log = Log(

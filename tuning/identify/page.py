@@ -139,7 +139,7 @@ def _warnings(found: Found) -> list[str]:
     fit, verdict, told = found.fit, found.verdict, []
     lost = [e.name for e in verdict.estimates if not e.identified and e.drive]
     if lost:
-        told.append(f"{len(lost)} of {len(fit.p)} parameters are {UNKNOWN} from this drive: {', '.join(lost)}.")
+        told.append(f"{UNKNOWN.capitalize()} from this drive, of {len(fit.p)} parameters: {', '.join(lost)}.")
     rows = int((fit.segments.weight > 0).sum()) + fit.counts.outliers
     if fit.counts.outliers > MANY * rows:
         told.append(

@@ -89,7 +89,7 @@ def task(files: Sequence[str], config: Config) -> Task:
         raise InputError([Problem("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
-    return Task(read_logs, one_clock, segments, brief, counts, model, parameters)
+    return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns)
 
 
 def of(config: Config, channels: tuple[str, ...], commands: tuple[str, ...], step: float) -> Model:

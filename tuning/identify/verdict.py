@@ -112,7 +112,7 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
 def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: float, row: np.ndarray) -> Estimate:
     value = float(fit.p[i])
     if not fit.free[i]:
-        reason = fit.absent.get(q.name, "no frequency in the disturbance explains what is left; taken as 0")
+        reason = fit.absent[q.name]
         return Estimate(
             q.name, q.unit, 0.0 if q.name != OMEGA else value, 0.0, 0.0, 0.0, np.nan, np.nan, False, reason, ""
         )
@@ -121,19 +121,16 @@ def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: fl
     size = max(abs(value), q.floor)
     told = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = told and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
+    near = 1e-3 * (q.high - q.low)
     if not identified and felt * size < FELT:
         reason, drive = "never excited: with any value the log would look the same", advice(q.name)
+    elif (value - q.low < near and q.low > 0) or q.high - value < near:
+        identified, drive = False, "the same drive with the unit and sign of the commands, and the model, checked"
+        reason = f"ends at {value:.4g}, the edge of where it was looked for: another unit or sign, or a wrong model?"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
         reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
         drive = advice(q.name)
-    at_bound = value - q.low < 1e-3 * (q.high - q.low) and q.low > 0 or q.high - value < 1e-3 * (q.high - q.low)
-    if identified and at_bound:
-        drive = "the same drive with the unit of the command and the model checked"
-        identified, reason = (
-            False,
-            f"ends at {value:.4g}, the edge of where it was looked for: another unit, or a wrong model?",
-        )
     low, high = max(value - half, q.low), min(value + half, q.high)
     return Estimate(q.name, q.unit, value, deviation, own, again, low, high, bool(identified), reason, drive)
 
