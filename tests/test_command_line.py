@@ -44,11 +44,11 @@ def arguments(command, out, settings=(), *more):
     return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
 
 
-def start(argv, **options):
+def start(argv, program=("-m", "tuning.cli"), **options):
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     ours = ("XLA_FLAGS", "TF_CPP_MIN_LOG_LEVEL")  # set by the JAX of this process
     environment = {k: v for k, v in os.environ.items() if k not in ours} | {"PYTHONPATH": path}
-    command = [sys.executable, "-m", "tuning.cli", *argv]
+    command = [sys.executable, *program, *argv]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
     )

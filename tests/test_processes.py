@@ -2,8 +2,6 @@
 
 import json
 import random
-import resource
-import signal
 import socket
 import time
 
@@ -101,11 +99,9 @@ def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_pat
     for path in sorted(out.glob("shard-*.npz"))[2:]:
         path.unlink()
 
-    def limited():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, size // 2))
-
-    process = start(swept(out, "--set", "sweep.shard=4000", "--quiet"), preexec_fn=limited)
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size // 2}, {size // 2}))"
+    limited = ("-c", f"{limit}; from tuning.cli import run; run()")  # Python ignores the signal of it by itself
+    process = start(swept(out, "--set", "sweep.shard=4000", "--quiet"), limited)
     _, said = process.communicate(timeout=300)
     assert process.returncode == 1 and "Traceback" not in said
     assert "could not be written" in said and "2 of 4 are kept" in said
