@@ -413,6 +413,16 @@ def test_the_exported_gains_are_those_of_the_file(tmp_path):
         assert found.provenance["gains"][f"inner.{name}"]["value"] == stated[name]
 
 
+def test_a_whole_configuration_is_exported_as_it_stands_whatever_lies_beside_it(tmp_path):
+    """As the scenario.toml of `agvjax identify`, beside the config.toml with which that was begun."""
+    pushed = "[scenario]\nplant = 'unicycle'\n[scenario.disturbance]\ntype = '{}'\n[controller]\ntype = 'sampled'\n"
+    (tmp_path / "config.toml").write_text(pushed.format("cosine"))
+    (tmp_path / "scenario.toml").write_text(pushed.format("step") + "period = 0.04\n")
+    told = artefact.read(str(tmp_path / "scenario.toml")).provenance
+    assert told["period"]["value"] == 0.04
+    assert told["uncertainty"]["nominal"]["disturbance"]["type"] == "step"
+
+
 @pytest.mark.parametrize("form", ["numpy", "stablehlo"])
 def test_a_name_leads_nowhere_outside_the_folder(form, tmp_path, capsys):
     (tmp_path / "gains.toml").write_text(gains_table(LIMITED))

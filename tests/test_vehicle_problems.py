@@ -59,6 +59,20 @@ def test_a_type_given_by_name_can_be_refined():
     assert (config.scenario.plant.L, config.controller.vehicle.L) == (0.4, 0.4)
 
 
+def test_a_later_table_of_another_type_or_distribution_begins_anew(tmp_path):
+    """What stood before means nothing there; a table that names neither changes what is there."""
+    (tmp_path / "push.toml").write_text('[scenario.disturbance]\ntype = "cosine"\namplitude = 0.7\n')
+    (tmp_path / "draw.toml").write_text('[ensemble.draws]\n"start.heading" = { between = [-0.5, 1.0] }\n')
+    push, draw = [str(tmp_path / "push.toml")], [str(tmp_path / "draw.toml")]
+    other = "scenario.disturbance={type='step',time=0.3}"
+    disturbance = configuration.load(push, [other], "simulate").scenario.disturbance
+    assert type(disturbance) is agvjax.Step and (disturbance.amplitude, disturbance.time) == (0.2, 0.3)
+    assert configuration.load(push, ["scenario.disturbance.omega=0.3"]).scenario.disturbance.amplitude == 0.7
+    drawn = "ensemble.draws.start.heading={distribution='norm',loc=0.1,scale=0.2}"
+    found = configuration.load(draw, [drawn, "ensemble.draws.start.heading.scale=0.3"]).ensemble.draws["start.heading"]
+    assert (found.name, found.parameters) == ("norm", {"loc": 0.1, "scale": 0.3})
+
+
 def test_chains_keep_the_order_of_their_table():
     table = {"lag": {"time_constant": 0.03}, "stop": {"type": "saturation", "upper": 2.0}, "delay": {"time": 0.01}}
     given = {"scenario": {"plant": "unicycle", "actuators": {"acceleration": table}}, "controller": "sampled"}

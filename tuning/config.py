@@ -18,7 +18,7 @@ from .classes import CLASSES
 from .ensemble import Between, Correlated, Correlation, Distribution, OneOf, Span, Times, correlated, default_draws
 from .free import tunable
 from .objective import metrics_of
-from .reader import Reader
+from .reader import DRAWS, Reader
 from .recordings import RECIPES, Column
 from .rules import problems
 from .settings import VERSION, Bound, Config, Limit, Weights, default_over
@@ -135,10 +135,17 @@ def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
     for key, value in table.items():
         if isinstance(value, Mapping) and isinstance(into.get(key), str):
             into[key] = {"type": into[key]}  # a name stands for its table
-        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict) and not _another(into[key], value):
             _merge(into[key], value)
         else:
             into[key] = value
+
+
+def _another(before: Mapping[str, Any], table: Mapping[str, Any]) -> bool:
+    """Whether this is a table of another type, or a whole distribution: nothing of the one before it means anything."""
+    if "type" in before or "type" in table:
+        return before.get("type", table.get("type")) != table.get("type", before.get("type"))
+    return all(any(not isinstance(one.get(kind, True), bool) for kind in DRAWS) for one in (before, table))
 
 
 def dump(config: Config) -> str:

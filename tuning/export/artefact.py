@@ -43,16 +43,17 @@ def read(gains_file: str, config_files: Sequence[str] = (), overrides: Sequence[
     law = table.get("controller")
     if not isinstance(law, dict):
         raise InputError([Problem("GAINS.toml", gains_file, "a file with a [controller], as `agvjax tune` writes it")])
-    beside = path.with_name("config.toml")
-    files = [*config_files] or ([str(beside)] if beside.is_file() and beside != path else [])
-    alone = {"scenario.plant": law["vehicle"]} if not files and "vehicle" in law and "scenario" not in table else {}
+    beside, whole = path.with_name("config.toml"), "scenario" in table  # a configuration, which says all itself
+    files = [*config_files] or ([str(beside)] if beside.is_file() and not whole else [])
+    alone = {"scenario.plant": law["vehicle"]} if not (files or whole) and "vehicle" in law else {}
     config = configuration.load([*files, gains_file], overrides, "export", alone)
     if not isinstance(config.controller, agvjax.Sampled):
         rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
         raise InputError([Problem("controller", type(config.controller).__name__, rule)])
     controller = agvjax.check(config.controller)
-    stated = configuration.dump(config) if files else text
-    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, bool(files))))
+    known = bool(files) or whole
+    stated = configuration.dump(config) if known else text
+    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known)))
 
 
 def _provenance(config: Config, controller: Any, source: str, stated: str, known: bool) -> dict[str, Any]:
