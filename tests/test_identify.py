@@ -516,3 +516,17 @@ def test_the_mujoco_robot_is_predicted_within_two_centimetres(tmp_path):
     for name, e in found["parameters"].items():
         if name.startswith("deadzone."):
             assert e["identified"] and abs(e["value"] / getattr(true, name.rpartition(".")[2]) - 1) < 0.03
+
+
+@pytest.mark.slow
+def test_no_sinusoid_is_given_where_nothing_pushes(tmp_path):
+    """What the model lacks repeats with the drive: its white-noise covariance would believe in half a rad/s here."""
+    out, more = tmp_path / "out", ["--set", "identify.starts=1", "--set", "identify.drives=0"]
+    done = shell("identify", str(LOGS / "robot-excited.csv"), "--config", "robot", "--out", str(out), *more)
+    assert done.returncode == 0, done.stderr
+    told = json.loads((out / "estimates.json").read_text())["parameters"]
+    pushes = {name: e for name, e in told.items() if name.startswith("disturbance.")}
+    assert len(pushes) == 10 and not any(e["identified"] for e in pushes.values())
+    assert "no clearer than chance" in pushes["disturbance.omega"]["reason"]
+    config = configuration.load([str(out / "scenario.toml")], [])
+    assert not any(name.startswith("disturbance.") for name in config.ensemble.draws)

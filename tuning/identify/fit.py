@@ -183,7 +183,8 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     found = Fit(parameters, p, free, sums, search.segments, sigma, counts, (arrived, starts), 0, model, {})
     why = "no frequency in the disturbance explains what is left"
     why = why if task.one_clock else "not looked for, since the logs have no clock in common"
-    gone = {name: f"{why}; taken as 0" for name, moves in zip(names, free, strict=True) if not moves}
+    lost = [name for name, moves in zip(names, free, strict=True) if not moves]
+    gone = {name: why if name == OMEGA else f"{why}; taken as 0" for name in lost}
     return refitted(found, p, free, gone, search.evaluations)
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..settings import Identify
-from .fit import Fit, Task, fit, refitted
+from .fit import WORTH, Fit, Task, fit, refitted
 from .parameters import OMEGA, Parameter, sinusoidal
 
 Z95 = 1.959964  # of a normal distribution
@@ -65,19 +65,41 @@ def judge(fit: Fit, draws: int, seed: int) -> Verdict:
 def identify(
     task: Task, settings: Identify, seed: int, tick: Callable[[str], Any] = lambda text: None
 ) -> tuple[Fit, Verdict]:
-    """Fit and judge; then once more without the constant pushes that may as well be 0."""
+    """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0."""
     found = fit(task, settings.starts, settings.outlier, seed, tick)
     verdict = judge(found, settings.bootstrap, seed)
-    absent = {
+    for doubted in (_doubtful_sinusoid, _doubtful_constants):
+        absent = doubted(found, verdict)
+        if not absent:
+            continue
+        gone = np.array([q.name in absent for q in found.parameters])
+        zero = gone & np.array([q.name != OMEGA for q in found.parameters])
+        found = refitted(found, np.where(zero, 0.0, found.p), found.free & ~gone, absent)
+        verdict = judge(found, settings.bootstrap, seed)
+    return found, verdict
+
+
+def _doubtful_sinusoid(found: Fit, verdict: Verdict) -> dict[str, str]:
+    """The sinusoid that was looked for, if by the deviations of the bootstrap it is not worth its place either."""
+    names = [e.name for e in verdict.estimates]
+    if OMEGA not in names or not found.free[names.index(OMEGA)]:
+        return {}
+    wavy = [i for i, name in enumerate(names) if sinusoidal(name) and name != OMEGA]
+    deviation = np.array([verdict.estimates[i].deviation for i in wavy])
+    size = found.p[wavy] / deviation
+    if size @ np.linalg.solve(verdict.correlation[np.ix_(wavy, wavy)], size) >= WORTH:
+        return {}
+    why = f"the one of {found.p[names.index(OMEGA)]:.3g} rad/s that explains most is no clearer than chance"
+    return {OMEGA: why} | {names[i]: f"{why}; taken as 0" for i in wavy}
+
+
+def _doubtful_constants(found: Fit, verdict: Verdict) -> dict[str, str]:
+    """Constant pushes whose intervals hold 0."""
+    return {
         e.name: f"no constant push found, at most {max(abs(e.low), abs(e.high)):.2g}; taken as 0"
         for e in verdict.estimates
         if e.name.startswith("disturbance.") and e.name.endswith(".constant") and e.low <= 0 <= e.high
     }
-    if not absent:
-        return found, verdict
-    gone = np.array([q.name in absent for q in found.parameters])
-    found = refitted(found, np.where(gone, 0.0, found.p), found.free & ~gone, absent)
-    return found, judge(found, settings.bootstrap, seed)
 
 
 def inverse(H: np.ndarray) -> np.ndarray:
