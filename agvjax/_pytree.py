@@ -8,8 +8,10 @@ from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float
 
 T = TypeVar("T")
+Real = float | Float[Array, ""]  # a number of an object: as a person writes it, or traced
 
 
 class Rule(NamedTuple):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
 
-from .actuators import Chain, Delay
+from .actuators.chain import Chain
+from .actuators.elements import Delay
+from .errors import Fault, InputError
 from .integrate import Integrator
 from .leaves import cast, children
 
@@ -16,82 +18,60 @@ T = TypeVar("T")
 COARSE = 0.01  # error of a mode beyond which a step is worth a word
 
 
-class Problem(NamedTuple):
-    """One thing that is wrong: which key, what it holds, what it must be and why."""
-
-    key: str
-    value: Any
-    rule: str
-    source: str = ""
-
-    def __str__(self) -> str:
-        """One line for a person."""
-        return f"{self.key} = {self.value}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
-
-
-class InputError(ValueError):
-    """Values a person must mend; the message names every one of them, `problems` lists them."""
-
-    def __init__(self, problems: list[Problem]):
-        self.problems = problems
-        count = f"{len(problems)} bad value" + ("s" if len(problems) > 1 else "")
-        super().__init__("\n  ".join([f"{count}:", *map(str, problems)]))
-
-
-def problems(tree: Any, name: str = "") -> list[Problem]:
+def faults(tree: Any, name: str = "") -> list[Fault]:
     """Every number in a controller or scenario that breaks the rule written beside its field."""
     found = []
     fields = {f.name: f.metadata for f in dataclasses.fields(tree)} if dataclasses.is_dataclass(tree) else {}
     for part, value in children(tree).items():
         key = f"{name}.{part}" if name else part
         if children(value):
-            found += problems(value, key)
+            found += faults(value, key)
         elif "rule" in fields.get(part, {}):
             found += _broken(key, value, fields[part])
     return found
 
 
-def _broken(key: str, value: Any, field: Any) -> list[Problem]:
+def _broken(key: str, value: Any, field: Any) -> list[Fault]:
     rule, source, shape = field["rule"], field["source"], field["shape"]
     array = np.asarray(value)
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
-        return [Problem(key, repr(value), f"a number, {rule.text}", source)]
+        return [Fault(key, repr(value), f"a number, {rule.text}", source)]
     fits = array.shape == shape or (array.ndim == 1 and shape == (None,)) or (array.shape == () and shape != (None,))
     if not fits or array.size == 0:
         wanted = "a number" if shape == () else f"an array of shape {shape}"
-        return [Problem(key, f"shape {array.shape}", wanted, source)]
+        return [Fault(key, f"shape {array.shape}", wanted, source)]
     if not np.all(np.isfinite(array)) or not np.all(rule.holds(array)):
         text = rule.text if "finite" in rule.text else f"finite and {rule.text}"
-        return [Problem(key, value if array.ndim == 0 else array.tolist(), text, source)]
+        return [Fault(key, value if array.ndim == 0 else array.tolist(), text, source)]
     return []
 
 
-def step_problems(
+def step_faults(
     controller: Any, dt: float, horizon: float, integrator: Integrator, scenario: Any = None
-) -> list[Problem]:
+) -> list[Fault]:
     """What is wrong with a step and a horizon, for this controller, integrator and, if given, scenario."""
     found = []
     if not (np.isfinite(dt) and dt > 0):
-        return [Problem("dt", dt, "finite and > 0", "reading R10")]
+        return [Fault("dt", dt, "finite and > 0", "reading R10")]
     if not (np.isfinite(horizon) and horizon >= dt):
-        found.append(Problem("horizon", horizon, f"finite and at least one step, {dt:g} s", "reading R10"))
+        found.append(Fault("horizon", horizon, f"finite and at least one step, {dt:g} s", "reading R10"))
     steps = float(controller.period) / dt if hasattr(controller, "period") else 1.0
     if abs(steps - max(round(steps), 1)) > 1e-6 * steps:
         rule = f"a whole fraction of the law's period, {float(controller.period):g} s"
-        found.append(Problem("dt", dt, rule, "zero-order hold"))
+        found.append(Fault("dt", dt, rule, "zero-order hold"))
     if hasattr(controller, "poles"):
         limit = integrator.stable_step(controller.poles())
         if dt > limit:
             fastest, source = getattr(controller, "fastest", ("law's fastest part", ""))
             rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the {fastest} diverge"
-            found.append(Problem("dt", dt, rule, source))
+            found.append(Fault("dt", dt, rule, source))
     for name, chain in () if scenario is None else scenario.actuators.items():
         between = float(controller.period) if hasattr(controller, "period") else dt
         found += _element_problems(f"actuators.{name}", chain, dt, between, integrator)
     return found
 
 
-def _element_problems(key: str, part: Any, dt: float, between: float, integrator: Integrator) -> list[Problem]:
+def _element_problems(key: str, part: Any, dt: float, between: float, integrator: Integrator) -> list[Fault]:
     """Elements that a step cannot follow, delays that forget; `between` [s] changes of the input."""
     if isinstance(part, Chain):
         parts = ((f"{key}.{name}", p) for name, p in part.items())
@@ -100,11 +80,11 @@ def _element_problems(key: str, part: Any, dt: float, between: float, integrator
         slots = 1 + int(np.ceil((float(part.time) + float(part.jitter)) / between - 1e-9))
         if part.slots < slots:
             rule = f"at least {slots}, to remember every change of its input, one each {between:g} s"
-            return [Problem(f"{key}.slots", part.slots, rule)]
+            return [Fault(f"{key}.slots", part.slots, rule)]
     elif hasattr(part, "poles"):
         limit = integrator.stable_step(np.array(part.poles()))
         if dt > limit:
-            return [Problem("dt", dt, f"at most {limit:.3g} s: beyond, {integrator.name} makes {key} diverge")]
+            return [Fault("dt", dt, f"at most {limit:.3g} s: beyond, {integrator.name} makes {key} diverge")]
     return []
 
 
@@ -122,7 +102,7 @@ def check(tree: T, dtype: Any = None) -> T:
     Raises:
         InputError: a ValueError that lists every bad leaf, its value, the rule and its source.
     """
-    found = problems(tree)
+    found = faults(tree)
     if found:
         raise InputError(found)
     return cast(tree, jnp.result_type(float) if dtype is None else dtype)

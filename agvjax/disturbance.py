@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._pytree import ANY, NONNEGATIVE, Rule, number, pytree, structure
-from .actuators import uniform
+from .hashed import uniform
 
 INCREASING = Rule("finite and each above the one before", lambda x: np.all(np.diff(x) > 0, axis=-1))
 UNIT = "m/s^2, m/s^2, rad/s"

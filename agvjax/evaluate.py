@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._pytree import pytree, structure
+from .engine.rollout import Rollout
 from .integrate import RK4, Integrator
 from .leaves import get, replace, swap
 from .metrics import Criteria, Metrics
-from .simulate import DT, N_STEPS, Rollout
+from .timing import DT, N_STEPS, Timing
 
 BLOCK = 128  # scenarios rolled out together: few enough for the cache of a CPU core, enough for its vector units
 
@@ -109,10 +110,7 @@ def evaluate(
         rollout = Rollout(
             controller,
             scenario,
-            dt=dt,
-            n_steps=n_steps,
-            control_every=control_every,
-            integrator=integrator,
+            timing=Timing(dt=dt, n_steps=n_steps, control_every=control_every, integrator=integrator),
             dtype=dtype,
             meter=Criteria() if criteria is None else criteria,
         )

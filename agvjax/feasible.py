@@ -17,13 +17,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .actuators import Backlash, Chain, Delay, Lag, Quantisation, RateLimit, Saturation
-from .deadzone import Deadzone
+from .actuators.chain import Chain
+from .actuators.deadzone import Deadzone
+from .actuators.elements import Backlash, Delay, Lag, Quantisation, RateLimit, Saturation
+from .engine.loop import actuator
 from .leaves import cast
-from .loop import actuator
-from .path import reference
+from .paths.heading import reference
+from .paths.waypoints import Waypoints
 from .plants import Decoupled, DecoupledState
-from .waypoints import Waypoints
 
 POINTS = 4001
 ANYTHING = (-np.inf, np.inf, np.inf)
@@ -104,7 +105,7 @@ def limits(scenario: Any) -> dict[str, tuple[float, float]]:
     return {name: pair for name, pair in reach.items() if np.isfinite(pair).any()}
 
 
-def path_problems(scenario: Any, horizon: float) -> list[str]:
+def path_warnings(scenario: Any, horizon: float) -> list[str]:
     """Why the path cannot be followed exactly, one sentence for each reason: quantity, what is needed, when, the limit.
 
     Empty where nothing stands against it, and of a plant that does not say what it needs.

@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from . import loop
 from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
-from .angle import wrap
+from .engine import loop
+from .geometry import wrap
 
 MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how soft the band is, as a share of it
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from ._pytree import POSITIVE, number, pytree
 from .disturbance import Cosine
-from .path import Dumbbell
-from .plants import Decoupled, Start
+from .messages import Start
+from .paths.shapes import Dumbbell
+from .plants import Decoupled
 
 
 @pytree

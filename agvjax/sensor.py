@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._pytree import NONNEGATIVE, number, pytree
-from .plants import Measurement
+from .messages import Measurement
 
 
 @pytree

@@ -20,9 +20,9 @@ import numpy as np
 from jax.extend import core
 
 import agvjax
+from agvjax.engine.rollout import Rollout
+from agvjax.engine.scalarise import scalarise, split_tree
 from agvjax.leaves import swap
-from agvjax.scalarise import scalarise, split_tree
-from agvjax.simulate import Rollout
 
 from .__main__ import RESULTS, machine, table
 from .rollout import ensemble

@@ -7,10 +7,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from agvjax import loop
+from agvjax.engine import loop
 from agvjax.leaves import cast
 from agvjax.metrics import tracking_error
-from agvjax.path import reference
+from agvjax.paths.heading import reference
 
 
 def plain(controller: Any, scenario: Any, *, dt: float, steps: int) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agvjax.xla import cores
+from agvjax.engine.xla import cores
 
 from .turns import rate, ratio, take_turns
 from .worker import PEERS, jax_ready

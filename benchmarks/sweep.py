@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from agvjax.xla import cores
+from agvjax.engine.xla import cores
 
 from .turns import rate, ratio, take_turns
 from .worker import jax_ready

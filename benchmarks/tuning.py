@@ -55,7 +55,7 @@ def contest(
 
     jax.config.update("jax_enable_x64", True)
     from tuning import config as configuration
-    from tuning.problem import pose
+    from tuning.tune.problem import pose
 
     optimizer = f"tune.optimizer={method if method in OURS else 'sqp'}"
     tuner = pose(configuration.load(list(files), [optimizer, *settings])).tuner

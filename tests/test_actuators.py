@@ -19,7 +19,7 @@ from agvjax import (
     Scenario,
     Unicycle,
 )
-from agvjax.actuators import uniform
+from agvjax.hashed import uniform
 
 
 @agvjax.pytree

@@ -9,8 +9,10 @@ import pytest
 from PIL import Image
 
 import agvjax
-from agvjax import animate
-from tuning import cli, runs, startup
+from agvjax.draw import animate
+from tuning.cli import main as cli
+from tuning.compute import compiled as startup
+from tuning.io import files
 
 FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
 TURNS = 2 * np.pi / 4  # rad/s: a lap of four seconds
@@ -208,17 +210,17 @@ def test_an_interruption_leaves_no_half_picture(stop, place, command, monkeypatc
     def fails(*_, **__):
         raise stop
 
-    whole = runs.write
+    whole = files.write
     if place == "drawing":
         monkeypatch.setattr(animate.Animation, "draw", fails)
     else:
 
         def write(path, data):
             if path.suffix == ".gif":
-                monkeypatch.setattr(runs.os, "fsync", fails)
+                monkeypatch.setattr(files.os, "fsync", fails)
             whole(path, data)
 
-        monkeypatch.setattr(runs, "write", write)
+        monkeypatch.setattr(files, "write", write)
     code, out = command("--quiet")
     assert code == (130 if stop is KeyboardInterrupt else 1)
     assert "Traceback" not in capsys.readouterr().err

@@ -39,10 +39,10 @@ from agvjax import (
     batch,
     check,
     evaluate,
-    loop,
     replace,
     simulate,
 )
+from agvjax.engine import loop
 from agvjax.plants import DecoupledState
 
 TRUE = {"Pi_hat": KnownSlopes(right=0.6, left=0.8), "Pi_psi_hat": KnownSlopes(right=0.91, left=0.72)}
@@ -644,7 +644,7 @@ def test_float32_lap_has_the_error_of_the_plain_lap(name):
 def test_bad_gain_is_named(wrong, key):
     with pytest.raises(InputError) as caught:
         check(wrong)
-    assert [problem.key for problem in caught.value.problems] == [key]
+    assert [problem.key for problem in caught.value.faults] == [key]
 
 
 def test_every_bad_gain_is_named_at_once():
@@ -664,5 +664,5 @@ def test_observer_bandwidth_is_bounded_by_what_runge_kutta_follows():
 
     # RK4 follows a real mode up to 2.785 / |pole|
     assert OSFC().upper_bounds(stable) == pytest.approx({"wo": 2785.0, "wow": 2785.0}, rel=2e-3)
-    assert [p.key for p in agvjax.step_problems(OSFC(wo=3000.0), 1e-3, 12.0, RK4)] == ["dt"]
-    assert agvjax.step_problems(OSFC(wo=2700.0), 1e-3, 12.0, RK4) == []
+    assert [p.key for p in agvjax.step_faults(OSFC(wo=3000.0), 1e-3, 12.0, RK4)] == ["dt"]
+    assert agvjax.step_faults(OSFC(wo=2700.0), 1e-3, 12.0, RK4) == []

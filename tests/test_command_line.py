@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import agvjax
-from tuning import cli, startup
+from tuning.cli import main as cli
+from tuning.compute import compiled as startup
 
 ROOT = Path(__file__).parent.parent
 FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agvjax.elementary import exp_p
+from agvjax.engine.elementary import exp_p
 
 exp = jax.jit(exp_p.bind)
 

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax.path import reference
+from agvjax.paths.heading import reference
 from tuning import config as configuration
-from tuning.cli import main
-from tuning.config import gains_table
-from tuning.export import artefact, c, numpy_file, program, stablehlo
+from tuning.cli.main import main
+from tuning.config.write import gains_table
+from tuning.export import artefact, c, program, stablehlo
+from tuning.export import numpy as numpy_file
 from tuning.export.vectors import row
 
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]

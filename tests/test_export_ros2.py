@@ -13,9 +13,9 @@ import pytest
 import yaml
 
 import agvjax
-from tuning.config import gains_table
+from tuning.config.write import gains_table
 from tuning.export import artefact, ros2
-from tuning.export.templates.ros2 import odometry, reference
+from tuning.export.ros2_node import odometry, reference
 
 LAW = agvjax.NeuroBackstepping(k1=3.0, k2=10.0, Lam=2.0, omega_n=30.0)
 CAR_LAW = agvjax.NeuroBackstepping(k1=2.0, k2=8.0, Lam=1.0, omega_n=30.0)

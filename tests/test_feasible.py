@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 import agvjax
 from agvjax import Chain, Circle, Deadzone, RateLimit, Saturation, Scenario, SingleTrack, Unicycle
 from agvjax.feasible import deliverable
-from tuning import cli, report
 from tuning import config as configuration
+from tuning.cli import main as cli
+from tuning.tune import page as report
 
 
 def test_on_a_circle_everything_is_constant_and_known():
@@ -44,7 +45,7 @@ def test_the_car_dumbbell_needs_what_was_measured_elsewhere():
     assert peaks["steering_angle"] == pytest.approx(0.46, rel=0.1)
     assert peaks["steering_rate"] == pytest.approx(0.20, rel=0.1)
     assert peaks["acceleration"] == pytest.approx(1.3, rel=0.1)
-    assert not agvjax.path_problems(Scenario.of(SingleTrack(), path=path), 63.0)
+    assert not agvjax.path_warnings(Scenario.of(SingleTrack(), path=path), 63.0)
 
 
 @agvjax.pytree
@@ -81,13 +82,13 @@ def limited(**elements):
 
 
 def test_what_is_beyond_the_actuators_is_said_with_figures():
-    (said,) = agvjax.path_problems(limited(stop=Saturation(upper=1.5, lower=-3.0)), 12.0)
+    (said,) = agvjax.path_warnings(limited(stop=Saturation(upper=1.5, lower=-3.0)), 12.0)
     assert said.startswith("acceleration: the path needs 1.6 m/s^2 at t = ")
     assert said.endswith("the vehicle has 1.5 at most")
-    assert not agvjax.path_problems(limited(stop=Saturation(upper=3.0, lower=-3.0)), 12.0)
-    (slow,) = agvjax.path_problems(limited(ramp=RateLimit(rate=1.0)), 12.0)
+    assert not agvjax.path_warnings(limited(stop=Saturation(upper=3.0, lower=-3.0)), 12.0)
+    (slow,) = agvjax.path_warnings(limited(ramp=RateLimit(rate=1.0)), 12.0)
     assert "changes by 1 at most" in slow
-    assert agvjax.path_problems(agvjax.Scenario(), 12.0) == []  # the paper's plant has independent inputs
+    assert agvjax.path_warnings(agvjax.Scenario(), 12.0) == []  # the paper's plant has independent inputs
 
 
 def test_a_saturation_before_the_deadzone_delivers_less():
@@ -96,14 +97,14 @@ def test_a_saturation_before_the_deadzone_delivers_less():
 
 
 def test_a_car_cannot_take_the_corners_of_a_robot():
-    said = "\n".join(agvjax.path_problems(Scenario.of(SingleTrack()), 12.0))
+    said = "\n".join(agvjax.path_warnings(Scenario.of(SingleTrack()), 12.0))
     assert "steering_rate: the path needs" in said
     assert "stand still or reverse" in said
 
 
 def test_a_path_that_ends_early_is_said():
     path = agvjax.Waypoints.through(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.5]]), speed=1.0)
-    said = agvjax.path_problems(Scenario.of(Unicycle(), path=path), 12.0)
+    said = agvjax.path_warnings(Scenario.of(Unicycle(), path=path), 12.0)
     assert said[0].startswith("the path ends after 2.")
 
 
@@ -164,8 +165,8 @@ def test_what_is_said_is_said_of_the_instant_of_the_peak():
     scenario = limited(stop=Saturation(upper=1.5, lower=-3.0))
     needed = agvjax.demands(scenario, 12.0)
     peak = needed.t[np.argmax(needed.needs["acceleration"])]
-    assert f"at t = {peak:.3g} s," in agvjax.path_problems(scenario, 12.0)[0]
-    (low,) = agvjax.path_problems(limited(stop=Saturation(upper=3.0, lower=-0.5)), 12.0)
+    assert f"at t = {peak:.3g} s," in agvjax.path_warnings(scenario, 12.0)[0]
+    (low,) = agvjax.path_warnings(limited(stop=Saturation(upper=3.0, lower=-0.5)), 12.0)
     assert low.endswith("the vehicle has -0.5 at least")
 
 
@@ -189,16 +190,16 @@ def test_the_paper_plant_needs_the_acceleration_less_f():
     fixed = dataclasses.replace(scenario, heading=Ahead())  # no turning, no F
     t = agvjax.demands(fixed, 20.0).t
     np.testing.assert_allclose(agvjax.demands(fixed, 20.0).needs["position_x"], -0.5 * np.cos(t / 2), atol=1e-12)
-    x, y = agvjax.path_problems(fixed, 20.0)
+    x, y = agvjax.path_warnings(fixed, 20.0)
     assert x.startswith("position_x: the path needs 0.5 m/s^2") and y.startswith("position_y")
 
 
 def test_a_circle_smaller_than_the_wheelbase_makes_a_car_reverse():
-    said = agvjax.path_problems(Scenario.of(SingleTrack(), path=Circle(radius=1.0)), 20.0)
+    said = agvjax.path_warnings(Scenario.of(SingleTrack(), path=Circle(radius=1.0)), 20.0)
     assert "stand still or reverse" in said[0] and "smallest radius is 1 m, the wheelbase 2.58 m" in said[0]
     unicycle = Scenario.of(Unicycle(L=1.5), path=Circle(radius=1.0))
     assert agvjax.demands(unicycle, 20.0).speed.min() < 0  # it may, and follows all the same
-    assert agvjax.path_problems(unicycle, 20.0) == []
+    assert agvjax.path_warnings(unicycle, 20.0) == []
 
 
 @agvjax.pytree
@@ -231,7 +232,7 @@ def test_a_path_without_a_past_begins_where_it_can():
     np.testing.assert_allclose(needed.needs["acceleration"], 2, atol=1e-12)
     needed = agvjax.demands(Scenario.of(Unicycle(), path=Root(late=0.5)), 4.0)
     np.testing.assert_allclose(needed.speed, 0.5 / np.sqrt(needed.t + 0.5), atol=1e-9)
-    assert agvjax.path_problems(Scenario.of(Unicycle(), path=Root()), 4.0) == ["the path is not finite at t = 0 s"]
+    assert agvjax.path_warnings(Scenario.of(Unicycle(), path=Root()), 4.0) == ["the path is not finite at t = 0 s"]
 
 
 def test_odd_scenarios_are_left_alone():
@@ -241,12 +242,12 @@ def test_odd_scenarios_are_left_alone():
 
     assert agvjax.demands(Scenario.of(Silent()), 5.0).needs == {}
     scenario = Scenario.of(Silent(), actuators={"acceleration": Chain(stop=Saturation(upper=0.1, lower=-0.1))})
-    assert agvjax.path_problems(scenario, 5.0) == []
-    (said,) = agvjax.path_problems(Scenario(path=None), 5.0)
+    assert agvjax.path_warnings(scenario, 5.0) == []
+    (said,) = agvjax.path_warnings(Scenario(path=None), 5.0)
     assert said.startswith("it could not be looked at (TypeError")
-    assert agvjax.path_problems(Scenario.of(Unicycle(), path=agvjax.Line(velocity=np.zeros(2))), 5.0) == []
+    assert agvjax.path_warnings(Scenario.of(Unicycle(), path=agvjax.Line(velocity=np.zeros(2))), 5.0) == []
     still = Scenario.of(SingleTrack(), path=agvjax.Line(velocity=np.zeros(2)))
-    assert "stand still or reverse" in agvjax.path_problems(still, 5.0)[0]
+    assert "stand still or reverse" in agvjax.path_warnings(still, 5.0)[0]
 
 
 def test_the_report_of_a_tuning_says_it_too():

@@ -17,8 +17,8 @@ from jax.flatten_util import ravel_pytree
 import agvjax
 from agvjax.leaves import get
 from tuning import config as configuration
-from tuning.cli import main
-from tuning.ensemble import sample
+from tuning.cli.main import main
+from tuning.ensemble.draws import sample
 from tuning.identify import task as tasks
 from tuning.identify.excitation import Designer, Room, candidate
 from tuning.identify.log import Column, load, together

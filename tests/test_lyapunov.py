@@ -17,13 +17,15 @@ from scipy.signal import lsim
 
 import agvjax
 import reference
-from agvjax import KinematicYawRate, KnownSlopes, NeuroBackstepping, Scenario, Trajectory, bounds, lyapunov
+from agvjax import KinematicYawRate, KnownSlopes, NeuroBackstepping, Scenario, Trajectory
 from agvjax._pytree import number, pytree
 from agvjax.controllers.backstepping import BacksteppingState
 from agvjax.controllers.neuro_backstepping import WeightNorms
 from agvjax.leaves import get, swap
 from reference import Parameters
-from tuning import ensemble
+from tuning.ensemble import draws as ensemble
+from tuning.studies.paper import bounds
+from tuning.studies.paper import proof as lyapunov
 
 DRAWN, SQUARE = 24, (0.3, 0.6, 1.0, 1.6, 2.4, 4.0, 8.0)  # scenarios drawn, and rad/s of disturbances that switch
 LINEAR = 1  # the place in the batch of one whose actuators are linear

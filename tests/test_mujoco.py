@@ -12,7 +12,7 @@ mujoco = pytest.importorskip("mujoco")
 
 import agvjax  # noqa: E402
 from agvjax.plants import RollingState  # noqa: E402
-from tuning.vehicles.robot import Robot  # noqa: E402
+from tuning.studies.vehicles.robot import Robot  # noqa: E402
 
 L = 0.15  # m
 LASTING = 10.0  # s

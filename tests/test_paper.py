@@ -12,9 +12,11 @@ import pytest
 
 import agvjax
 from agvjax import Metrics, NeuroBackstepping, Scenario, Trajectory
-from tuning import Objective, cli, compare, within
-from tuning.markdown import html
-from tuning.paper import cases, facts, published, tables
+from tuning import Objective, within
+from tuning.cli import main as cli
+from tuning.io.pages import html
+from tuning.studies.laws import study as compare
+from tuning.studies.paper import cases, facts, published, tables
 
 
 def metrics(settling=(1.0, 1.0, 1.0), rmse=(0.1, 0.1, 0.1), ok=True):

@@ -39,14 +39,14 @@ from agvjax import (
     TurnedVelocity,
     check,
     default_heading,
+    faults,
     leaves,
-    problems,
     replace,
-    step_problems,
+    step_faults,
 )
-from agvjax.angle import bearing, wrap
+from agvjax.geometry import bearing, wrap
 from agvjax.metrics import safe_sqrt
-from agvjax.path import reference
+from agvjax.paths.heading import reference
 from agvjax.plants import DecoupledState
 
 slopes = st.floats(0.01, 10)
@@ -313,28 +313,28 @@ def test_literal_filter_has_the_poles_of_the_printed_equation():
 
 def test_problems_name_every_bad_leaf():
     controller = NeuroBackstepping(k1=-1.0, Lam=float("nan"), b1="1", Pi_hat=np.array([0.5, -0.5]))
-    assert {p.key for p in problems(controller)} == {"k1", "Lam", "b1", "Pi_hat"}
+    assert {p.key for p in faults(controller)} == {"k1", "Lam", "b1", "Pi_hat"}
     scenario = replace(
         Scenario(), {"deadzone.heading.slope_left": 0.0, "start.position": np.zeros(3), "start.heading": True}
     )
-    assert {p.key for p in problems(scenario)} == {"deadzone.heading.slope_left", "start.position", "start.heading"}
+    assert {p.key for p in faults(scenario)} == {"deadzone.heading.slope_left", "start.position", "start.heading"}
     with pytest.raises(InputError, match=r"4 bad values:(.|\n)*k1 = -1.0: must be finite and > 0 \[after eq. \(32\)\]"):
         check(controller)
     assert issubclass(InputError, ValueError)
-    assert problems(NeuroBackstepping()) == [] and problems(Scenario()) == []
+    assert faults(NeuroBackstepping()) == [] and faults(Scenario()) == []
     assert check(NeuroBackstepping(k1=25)).k1.dtype == jnp.float64
     assert check(NeuroBackstepping(k1=25), jnp.float32).k1.dtype == jnp.float32
 
 
 def test_step_problems_know_what_the_integrator_carries():
     law, literal = NeuroBackstepping(), NeuroBackstepping(filter=LiteralFilter())
-    assert step_problems(law, 1e-3, 12.0, RK4) == [] and step_problems(literal, 1e-3, 12.0, RK4) == []
-    assert [p.key for p in step_problems(law, 0.05, 12.0, RK4)] == ["dt"]
+    assert step_faults(law, 1e-3, 12.0, RK4) == [] and step_faults(literal, 1e-3, 12.0, RK4) == []
+    assert [p.key for p in step_faults(law, 0.05, 12.0, RK4)] == ["dt"]
     # Euler carries the literal filter only up to 2 zeta / omega_n^2: 1.9e-4 s
-    assert [p.key for p in step_problems(literal, 1e-3, 12.0, EULER)] == ["dt"]
-    assert step_problems(literal, 1.8e-4, 12.0, EULER) == []
-    assert [p.key for p in step_problems(law, 1e-3, 5e-4, RK4)] == ["horizon"]
-    assert [p.key for p in step_problems(law, float("nan"), 1.0, RK4)] == ["dt"]
+    assert [p.key for p in step_faults(literal, 1e-3, 12.0, EULER)] == ["dt"]
+    assert step_faults(literal, 1.8e-4, 12.0, EULER) == []
+    assert [p.key for p in step_faults(law, 1e-3, 5e-4, RK4)] == ["horizon"]
+    assert [p.key for p in step_faults(law, float("nan"), 1.0, RK4)] == ["dt"]
 
 
 def test_dotted_names_reach_every_leaf():

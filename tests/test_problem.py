@@ -24,12 +24,12 @@ from agvjax import (
 )
 from tuning import Between, Config, Distribution, Ensemble, Limit, Search, Simulate, Times, Tune, Weights, pose
 from tuning import config as configuration
-from tuning.analysis import analyse
-from tuning.commands.tune import judged, unmet
-from tuning.doctor import diagnose, first_bad, page
-from tuning.pareto import front
-from tuning.problem import starts
-from tuning.rounds import Outcome, begin
+from tuning.tune.analysis import analyse
+from tuning.tune.doctor import diagnose, first_bad, page
+from tuning.tune.judge import judged, unmet
+from tuning.tune.pareto import front
+from tuning.tune.problem import starts
+from tuning.tune.rounds import Outcome, begin
 
 TIMING = {"dt": 5e-3, "integrator": "euler"}
 DRAWS = {"start.heading": Between(-0.5, 1.0), "deadzone.heading.slope_right": Times(0.5, 1.5)}
@@ -192,7 +192,7 @@ def test_hard_limits_are_met_or_said_with_their_conflict():
 
 
 def conflict_of(outcome):
-    from tuning.analysis import conflict
+    from tuning.tune.analysis import conflict
 
     return conflict(outcome.posed.tuner, outcome.progress.best_z)
 

@@ -221,8 +221,8 @@ def test_slopes_of_the_sampled_loop_agree_with_differences():
 
 
 def test_a_period_that_is_no_whole_number_of_steps_is_refused_and_so_are_steps_between_instants():
-    found = agvjax.step_problems(Sampled(period=0.02), 3e-3, 12.0, agvjax.RK4)
+    found = agvjax.step_faults(Sampled(period=0.02), 3e-3, 12.0, agvjax.RK4)
     assert [p.key for p in found] == ["dt"]
-    assert not agvjax.step_problems(Sampled(period=0.02), 5e-3, 12.0, agvjax.RK4)
+    assert not agvjax.step_faults(Sampled(period=0.02), 5e-3, 12.0, agvjax.RK4)
     with pytest.raises(ValueError, match="control_every must be 1"):
         agvjax.simulate(Sampled(), Scenario(), n_steps=10, control_every=2)

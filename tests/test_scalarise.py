@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agvjax.scalarise import join, scalarise, split, split_tree
+from agvjax.engine.scalarise import join, scalarise, split, split_tree
 
 
 @jax.custom_jvp

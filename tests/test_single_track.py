@@ -11,16 +11,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_ivp
 
 import agvjax
-from agvjax import (
-    RK4,
-    Command,
-    FrictionPatch,
-    KinematicSingleTrack,
-    LinearTyre,
-    SaturatingTyre,
-    SingleTrack,
-    Start,
-)
+from agvjax import RK4, Command, FrictionPatch, KinematicSingleTrack, LinearTyre, SaturatingTyre, SingleTrack, Start
 from agvjax.leaves import cast
 from agvjax.plants import KinematicState, SingleTrackState
 
@@ -123,7 +114,7 @@ def test_sets_hold_the_published_numbers():
             drive = p.longitudinal
             driving = [limits.acceleration, limits.backward, limits.forward, limits.switch]
             assert driving == [drive.a_max, drive.v_min, drive.v_max, drive.v_switch]
-        assert not agvjax.problems(plant)
+        assert not agvjax.faults(plant)
     with pytest.raises(TypeError):
         SingleTrack.ford_escort(weight=1.0)
     assert isinstance(SingleTrack.ford_escort(tyre=SaturatingTyre()).tyre, SaturatingTyre)

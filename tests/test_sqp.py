@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, linprog, minimize
 
-from tuning import Objective, Requirement, sqp, within
+from tuning import Objective, Requirement, within
+from tuning.tune.methods import sqp
 
 MEAN, WORST = (Requirement("rmse", "mean", 1.0),), (Requirement("rmse", "worst", 1.0),)
 

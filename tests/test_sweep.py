@@ -16,8 +16,8 @@ from scipy.stats import qmc
 import agvjax
 from agvjax import Command, Scenario
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
-from tuning.ensemble import Span, uniform
-from tuning.settings import Bound, Search, Sweep
+from tuning.config.settings import Bound, Search, Sweep
+from tuning.ensemble.draws import Span, uniform
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 

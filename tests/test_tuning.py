@@ -11,23 +11,13 @@ from hypothesis import strategies as st
 
 import agvjax
 from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, leaves, replace
-from tuning import (
-    Between,
-    Free,
-    Objective,
-    Requirement,
-    Times,
-    Tuner,
-    default_draws,
-    sample,
-    within,
-)
-from tuning.first_order import find_optimizer
-from tuning.free import default_bounds, stability_bounds
-from tuning.objective import Score
-from tuning.optimise import HISTORY
-from tuning.rounds import Round, Run
-from tuning.runs import CHECKPOINT, load, save
+from tuning import Between, Free, Objective, Requirement, Times, Tuner, default_draws, sample, within
+from tuning.tune.checkpoint import CHECKPOINT, load, save
+from tuning.tune.gains import default_bounds, stability_bounds
+from tuning.tune.methods.optax import find_optimizer
+from tuning.tune.objective import Score
+from tuning.tune.rounds import Round, Run
+from tuning.tune.tuner import HISTORY
 
 NAMES = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
 LOWER = np.array([1.0, 5 / 3, 25 / 18, 0.0, 0.0, 0.0, 0.0])
@@ -137,8 +127,8 @@ def test_a_gain_with_lower_bound_0_and_no_upper_moves_in_its_logarithm():
     ("name", "value"), [("k1", 1.0), ("k2", 1.66), ("zeta", 1.0), ("omega_n", 201.0), ("Lam", 0.0)]
 )
 def test_a_gain_on_its_bound_or_beyond_is_a_problem_that_names_it(name, value):
-    assert FREE.problems(NeuroBackstepping()) == []
-    found = FREE.problems(replace(NeuroBackstepping(), {name: value}))
+    assert FREE.faults(NeuroBackstepping()) == []
+    found = FREE.faults(replace(NeuroBackstepping(), {name: value}))
     assert [p.key for p in found] == [f"controller.{name}"] and f"{value:g}" in str(found[0])
 
 

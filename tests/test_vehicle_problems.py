@@ -12,8 +12,8 @@ from PIL import Image
 
 import agvjax
 import tuning
-from tuning import cli
 from tuning import config as configuration
+from tuning.cli import main as cli
 
 SHORT = ["simulate.horizon=0.2", "simulate.save_every=10"]
 BRIEF = ["ensemble.size=4", "ensemble.validation_size=4", "tune.iterations=3", "simulate.horizon=1"]
@@ -127,7 +127,7 @@ WRONG = [
 def test_wrong_tables_are_named(table, key):
     with pytest.raises(agvjax.InputError) as caught:
         configuration.resolve(table)
-    assert any(key in problem.key for problem in caught.value.problems), str(caught.value)
+    assert any(key in problem.key for problem in caught.value.faults), str(caught.value)
 
 
 @pytest.mark.slow
@@ -164,7 +164,7 @@ def test_simulate_writes_what_the_actuators_did(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_an_animation_that_fails_leaves_nothing_half_written(tmp_path, monkeypatch):
-    from agvjax import animate
+    from agvjax.draw import animate
 
     def fails(*_):
         raise OSError("disk full")
@@ -252,7 +252,7 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
 @pytest.mark.slow
 def test_a_lap_of_the_car_replayed_in_commonroads_own_model():
     pytest.importorskip("vehiclemodels")
-    from tuning.vehicles.worlds import CommonRoadWorld
+    from tuning.studies.vehicles.worlds import CommonRoadWorld
 
     config = configuration.load(["car"], ["scenario.disturbance=none"], "simulate")
     start = config.scenario.start

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import agvjax
-import tuning.config
+import tuning.config.load
 from agvjax import BandLimitedNoise, Recorded, Waypoints, replace
-from agvjax.path import reference
-from tuning.recordings import read
+from agvjax.paths.heading import reference
+from tuning.io.csv_file import read
 
 # ------------------------------------------------------------------------------------------------------------- paths
 
@@ -233,8 +233,8 @@ def test_a_record_is_interpolated_and_held_at_its_ends():
     wanted = np.column_stack([np.interp(t, times, column) for column in values.T]) * [1, 2, -0.5]
     np.testing.assert_allclose(jax.vmap(record)(jnp.asarray(t)), wanted, atol=1e-14)
     np.testing.assert_array_equal(Recorded()(jnp.asarray(0.3)), [0, 0, 0])
-    assert agvjax.problems(Recorded()) == []
-    assert [p.key for p in agvjax.problems(replace(record, {"times": times[::-1]}))] == ["times"]
+    assert agvjax.faults(Recorded()) == []
+    assert [p.key for p in agvjax.faults(replace(record, {"times": times[::-1]}))] == ["times"]
 
 
 # ------------------------------------------------------------------------------------------------------------- files
@@ -296,7 +296,7 @@ def wrong(scenario):
     """What the command line says of a scenario, which is one thing."""
     with pytest.raises(agvjax.InputError) as raised:
         tuning.config.resolve({"scenario": scenario}, "simulate")
-    assert len(raised.value.problems) == 1
+    assert len(raised.value.faults) == 1
     return str(raised.value)
 
 

@@ -25,8 +25,8 @@ from tuning import (
     sample,
     solve,
 )
-from tuning.ensemble import box
-from tuning.worst import Adversary, Box, batch_of, statement
+from tuning.ensemble.draws import box
+from tuning.ensemble.worst import Adversary, Box, batch_of, statement
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -7,47 +7,47 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .ensemble import Between as Between
-    from .ensemble import Distribution as Distribution
-    from .ensemble import OneOf as OneOf
-    from .ensemble import Span as Span
-    from .ensemble import Times as Times
-    from .ensemble import default_draws as default_draws
-    from .ensemble import sample as sample
-    from .free import Free as Free
-    from .objective import Objective as Objective
-    from .objective import Requirement as Requirement
-    from .objective import within as within
-    from .optimise import Progress as Progress
-    from .optimise import Tuner as Tuner
-    from .problem import pose as pose
-    from .rounds import Outcome as Outcome
-    from .rounds import solve as solve
-    from .settings import Bound as Bound
-    from .settings import Config as Config
-    from .settings import Ensemble as Ensemble
-    from .settings import Limit as Limit
-    from .settings import Search as Search
-    from .settings import Simulate as Simulate
-    from .settings import Sweep as Sweep
-    from .settings import Tune as Tune
-    from .settings import Weights as Weights
+    from .config.settings import Bound as Bound
+    from .config.settings import Config as Config
+    from .config.settings import Ensemble as Ensemble
+    from .config.settings import Limit as Limit
+    from .config.settings import Search as Search
+    from .config.settings import Simulate as Simulate
+    from .config.settings import Sweep as Sweep
+    from .config.settings import Tune as Tune
+    from .config.settings import Weights as Weights
+    from .ensemble.draws import Between as Between
+    from .ensemble.draws import Distribution as Distribution
+    from .ensemble.draws import OneOf as OneOf
+    from .ensemble.draws import Span as Span
+    from .ensemble.draws import Times as Times
+    from .ensemble.draws import default_draws as default_draws
+    from .ensemble.draws import sample as sample
+    from .ensemble.worst import Adversary as Adversary
     from .sweep.results import Results as Results
     from .sweep.results import load as load
     from .sweep.work import run_sweep as run_sweep
-    from .worst import Adversary as Adversary
+    from .tune.gains import Free as Free
+    from .tune.objective import Objective as Objective
+    from .tune.objective import Requirement as Requirement
+    from .tune.objective import within as within
+    from .tune.problem import pose as pose
+    from .tune.rounds import Outcome as Outcome
+    from .tune.rounds import solve as solve
+    from .tune.tuner import Progress as Progress
+    from .tune.tuner import Tuner as Tuner
 
 _NAMES = {
-    "ensemble": ("Between", "Distribution", "OneOf", "Span", "Times", "default_draws", "sample"),
-    "free": ("Free",),
-    "objective": ("Objective", "Requirement", "within"),
-    "optimise": ("Progress", "Tuner"),
-    "problem": ("pose",),
-    "settings": ("Bound", "Config", "Ensemble", "Limit", "Search", "Simulate", "Sweep", "Tune", "Weights"),
-    "rounds": ("Outcome", "solve"),
+    "ensemble.draws": ("Between", "Distribution", "OneOf", "Span", "Times", "default_draws", "sample"),
+    "tune.gains": ("Free",),
+    "tune.objective": ("Objective", "Requirement", "within"),
+    "tune.tuner": ("Progress", "Tuner"),
+    "tune.problem": ("pose",),
+    "config.settings": ("Bound", "Config", "Ensemble", "Limit", "Search", "Simulate", "Sweep", "Tune", "Weights"),
+    "tune.rounds": ("Outcome", "solve"),
     "sweep.results": ("Results", "load"),
     "sweep.work": ("run_sweep",),
-    "worst": ("Adversary",),
+    "ensemble.worst": ("Adversary",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
 

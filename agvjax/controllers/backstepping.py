@@ -16,10 +16,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
-from ..angle import wrap
+from ..geometry import wrap
 from ..integrate import largest
-from ..path import Reference
-from ..plants import Command, Measurement
+from ..messages import Command, Measurement, Reference
 from .filters import CommandFilter, LiteralFilter, NoFilter
 
 

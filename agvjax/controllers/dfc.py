@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .._pytree import POSITIVE, number, pytree
-from ..angle import wrap
-from ..path import Reference
-from ..plants import Command, Measurement, turned
+from ..geometry import turned, wrap
+from ..messages import Command, Measurement, Reference
 
 
 @pytree

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
-from ..path import Reference
-from ..plants import Command, Measurement
+from ..messages import Command, Measurement, Reference
 from .neuro_backstepping import NeuroBackstepping
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, Rule, number, pytree, structure
-from ..path import Reference
-from ..plants import Command, Measurement
+from ..messages import Command, Measurement, Reference
 from .neuro_backstepping import NeuroBackstepping
 
 ORDER = Rule("> 0 and <= 1", lambda x: (x > 0) & (x <= 1), 0.0, 1.0)

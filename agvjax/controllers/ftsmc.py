@@ -8,9 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import FRACTION, POSITIVE, number, pytree
-from ..angle import wrap
-from ..path import Reference
-from ..plants import Command, Measurement, turned
+from ..geometry import turned, wrap
+from ..messages import Command, Measurement, Reference
 
 
 def signed_power(x: Array, exponent: Array) -> Array:

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree
-from ..plants import Measurement
-from ..rbf import RadialBasis
+from ..messages import Measurement
 from .backstepping import Backstepping, BacksteppingState
+from .network import RadialBasis
 
 
 @pytree

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
-from ..plants import Measurement
-from ..rbf import RadialBasis
+from ..messages import Measurement
 from .backstepping import Backstepping, BacksteppingState
+from .network import RadialBasis
 
 
 @pytree

@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree
-from ..angle import wrap
+from ..geometry import wrap
 from ..integrate import largest
-from ..path import Reference
-from ..plants import Command, Measurement
+from ..messages import Command, Measurement, Reference
 
 
 @pytree

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._pytree import POSITIVE, number, pytree, structure
-from ..path import Reference
-from ..plants import Command, Decoupled, Measurement
+from ..messages import Command, Measurement, Reference
+from ..plants import Decoupled
 from .neuro_backstepping import NeuroBackstepping
 
 

@@ -13,6 +13,10 @@ Optional: `achieved(inputs, measurement) -> (2,)`, the command that inputs amoun
 `deadzones()`, nominal ones for its actuators; `needs(motion)`, what following a path exactly takes.
 """
 
+from ..geometry import turned as turned
+from ..messages import Command as Command
+from ..messages import Measurement as Measurement
+from ..messages import Start as Start
 from .decoupled import Decoupled as Decoupled
 from .decoupled import DecoupledState as DecoupledState
 from .decoupled import DeliveredYawRate as DeliveredYawRate
@@ -22,10 +26,6 @@ from .decoupled import TurnedVelocity as TurnedVelocity
 from .differential_drive import DifferentialDrive as DifferentialDrive
 from .differential_drive import SpeedDrive as SpeedDrive
 from .differential_drive import TorqueDrive as TorqueDrive
-from .protocol import Command as Command
-from .protocol import Measurement as Measurement
-from .protocol import Start as Start
-from .protocol import turned as turned
 from .road import FrictionPatch as FrictionPatch
 from .single_track import KinematicSingleTrack as KinematicSingleTrack
 from .single_track import KinematicState as KinematicState

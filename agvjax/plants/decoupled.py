@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree
-from ..deadzone import Deadzone
-from .protocol import Command, Measurement, Start, turned
+from ..actuators.deadzone import Deadzone
+from ..geometry import turned
+from ..messages import Command, Measurement, Start
 
 
 @pytree

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
-from ..deadzone import Deadzone
-from .protocol import Command, Measurement, into_body, into_plane
+from ..actuators.deadzone import Deadzone
+from ..geometry import into_body, into_plane
+from ..messages import Command, Measurement
 from .unicycle import Rolling, RollingState
 
 GRAVITY = 9.81  # m/s^2

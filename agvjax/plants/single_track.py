@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import ANY, NONNEGATIVE, POSITIVE, Rule, number, pytree
-from ..deadzone import Deadzone
-from .protocol import Command, Measurement, Start, into_body, into_plane
+from ..actuators.deadzone import Deadzone
+from ..geometry import into_body, into_plane
+from ..messages import Command, Measurement, Start
 from .tyre import LinearTyre, SaturatingTyre
 
 GRAVITY = 9.81  # m/s^2

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree
-from ..deadzone import Deadzone
-from .protocol import Command, Measurement, Start, into_body, into_plane
+from ..actuators.deadzone import Deadzone
+from ..geometry import into_body, into_plane
+from ..messages import Command, Measurement, Start
 
 
 @pytree

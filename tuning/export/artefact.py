@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import agvjax
-from agvjax import InputError, Problem
+from agvjax import Fault, InputError
 from agvjax.feasible import UNITS
 from agvjax.leaves import leaves, rule_of, unit_of
 
 from .. import config as configuration
-from ..settings import Config
+from ..config.settings import Config
 
 UNSTATED = "not stated: no config.toml beside the gains"
 
@@ -39,17 +39,17 @@ def read(gains_file: str, config_files: Sequence[str] = (), overrides: Sequence[
         text = path.read_text(encoding="utf-8-sig")
         table = tomllib.loads(text)
     except (OSError, ValueError) as error:
-        raise InputError([Problem("GAINS.toml", gains_file, f"a readable TOML file of gains ({error})")]) from error
+        raise InputError([Fault("GAINS.toml", gains_file, f"a readable TOML file of gains ({error})")]) from error
     law = table.get("controller")
     if not isinstance(law, dict):
-        raise InputError([Problem("GAINS.toml", gains_file, "a file with a [controller], as `agvjax tune` writes it")])
+        raise InputError([Fault("GAINS.toml", gains_file, "a file with a [controller], as `agvjax tune` writes it")])
     beside, whole = path.with_name("config.toml"), "scenario" in table  # a configuration, which says all itself
     files = [*config_files] or ([str(beside)] if beside.is_file() and not whole else [])
     alone = {"scenario.plant": law["vehicle"]} if not (files or whole) and "vehicle" in law else {}
-    config = configuration.load([*files, gains_file], overrides, "export", alone)
+    config = configuration.load([*files, gains_file], overrides, more=alone)
     if not isinstance(config.controller, agvjax.Sampled):
         rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
-        raise InputError([Problem("controller", type(config.controller).__name__, rule)])
+        raise InputError([Fault("controller", type(config.controller).__name__, rule)])
     controller = agvjax.check(config.controller)
     known = bool(files) or whole
     stated = configuration.dump(config) if known else text

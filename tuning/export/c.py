@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agvjax import InputError, Problem
+from agvjax import Fault, InputError
 
 from . import program
 from .artefact import Artefact
@@ -18,7 +18,7 @@ from .expressions import FUNCTIONS, Language, expression, text
 from .program import Field, Operand, Program
 from .vectors import table
 
-TEMPLATES = Path(__file__).with_name("templates") / "c"
+TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
 RESERVED = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if inline int long main"
@@ -37,7 +37,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in RESERVED | {"vectors"}:
         rule = "lower-case letters, digits and underscores, a letter first, no word of C, not vectors"
-        raise InputError([Problem("--name", name, rule)])
+        raise InputError([Fault("--name", name, rule)])
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     header, rows = table(artefact.controller, step)
     inputs = [f"output.{_place(f, i)}" for f in step.results["inputs"] for i in np.ndindex(f.shape)]

@@ -11,8 +11,8 @@ import numpy as np
 from jax.extend import core
 
 import agvjax
-from agvjax.path import Reference
-from agvjax.scalarise import scalarise, split_tree
+from agvjax.engine.scalarise import scalarise, split_tree
+from agvjax.messages import Reference
 
 SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
 GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one

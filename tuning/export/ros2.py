@@ -14,10 +14,10 @@ import yaml
 import agvjax
 from agvjax.leaves import get
 
-from . import numpy_file
-from .templates.ros2.vehicles import VEHICLES
+from . import numpy as numpy_file
+from .ros2_node.vehicles import VEHICLES
 
-TEMPLATES = Path(__file__).with_name("templates") / "ros2"
+TEMPLATES = Path(__file__).with_name("ros2_node")
 PLAIN = ("reference", "odometry", "vehicles", "parameters", "following")  # modules that are the same for every law
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
@@ -120,20 +120,20 @@ def _filled(template: str, substitutes: dict[str, str]) -> str:
 
 def _inputs(artefact: Any, name: str) -> tuple[str, ...]:
     """Those of the vehicle, if a velocity can be made of them."""
-    problems, inputs = [], tuple(artefact.provenance["inputs"])
+    faults, inputs = [], tuple(artefact.provenance["inputs"])
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
         rule = "lower-case letters, digits and single underscores, a letter first: the name of a ROS 2 package"
-        problems.append(agvjax.Problem("--name", name, rule))
+        faults.append(agvjax.Fault("--name", name, rule))
     kind = type(artefact.controller.vehicle).__name__
     if inputs not in VEHICLES:
         rule = f"with inputs a velocity can be made of: {'; '.join(map(', '.join, VEHICLES))}"
-        problems.append(agvjax.Problem("controller.vehicle", f"{kind} ({', '.join(inputs)})", rule))
+        faults.append(agvjax.Fault("controller.vehicle", f"{kind} ({', '.join(inputs)})", rule))
     else:
         lacks = [part for part in VEHICLES[inputs].parts if f"vehicle.{part}" not in artefact.provenance["gains"]]
         rule = f"with the numbers {', '.join(VEHICLES[inputs].parts)}; it has no {', '.join(lacks)}"
-        problems += [agvjax.Problem("controller.vehicle", kind, rule)] if lacks else []
-    if problems:
-        raise agvjax.InputError(problems)
+        faults += [agvjax.Fault("controller.vehicle", kind, rule)] if lacks else []
+    if faults:
+        raise agvjax.InputError(faults)
     return inputs
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax.path import reference
+from agvjax.paths.heading import reference
 
 from . import program
 from .program import Program

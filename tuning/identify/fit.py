@@ -14,7 +14,7 @@ from scipy.stats import qmc
 
 from agvjax import InputError
 
-from ..recordings import Column
+from ..io.csv_file import Column
 from . import parameters as wanted
 from .log import POSE, Log
 from .misread import misread

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import agvjax
-from agvjax import Problem
-from agvjax.angle import wrap
+from agvjax import Fault
+from agvjax.geometry import wrap
 
-from ..recordings import UNITS, Column, read
+from ..io.csv_file import UNITS, Column, read
 
 POSE = ("x", "y", "heading")
 MEASURED = (*POSE, "vx", "vy", "speed", "yaw_rate", "steering_angle")  # m, m, rad, m/s, m/s, m/s, rad/s, rad
@@ -60,19 +60,19 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
     known = ("t", *MEASURED, *commands)
     where = {name: columns.get(name, Column(name)) for name in known}
     found = [
-        Problem(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(known)}")
+        Fault(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(known)}")
         for name in columns
         if name not in known
     ]
     for name, place in columns.items():
         kind = KINDS.get(name, "")
         if place.unit in UNITS and kind and not any(place.unit == u for u in kind.split()):
-            found.append(Problem(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(kind.split())}"))
+            found.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(kind.split())}"))
         twice = [other for other in columns if other != name and columns[other].column == place.column]
         if twice:
-            found.append(Problem(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
+            found.append(Fault(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
         if place.unit and place.unit not in UNITS:
-            found.append(Problem(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(UNITS)}"))
+            found.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(UNITS)}"))
     if found:
         raise agvjax.InputError(found)
     needed = [where[name].column for name in ("t", *POSE, *commands)]
@@ -83,7 +83,7 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
         table = read(file, list(dict.fromkeys([*needed, *missing])), optional, LEAST_ROWS, where["t"].column, blank)
     except ValueError as error:
         rule = f"a log: a CSV file with {', '.join(needed)}, or others named in [identify.columns] ({error})"
-        raise agvjax.InputError([Problem(key, str(file), rule)]) from error
+        raise agvjax.InputError([Fault(key, str(file), rule)]) from error
     values = {n: table[p.column] * UNITS.get(p.unit, 1.0) * p.factor for n, p in where.items() if p.column in table}
     measured = {name: values[name] for name in MEASURED if name in values}
     t = values["t"] - values["t"][0]
@@ -95,15 +95,15 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
     return log
 
 
-def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Problem]:
+def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Fault]:
     """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
-    found: list[Problem] = []
+    found: list[Fault] = []
 
     def suspect(name: str, looks: str, why: str) -> None:
         column, taken = where[name].column, where[name].unit or "SI"
         rule = f"in the unit it is taken for: {why}; if it is in {looks}, say"
         found.append(
-            Problem(
+            Fault(
                 f"identify.columns.{name}",
                 f"{column} in {taken}",
                 f'{rule} {{ column = "{column}", unit = "{looks}" }}',
@@ -124,7 +124,7 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
     rows = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
     if rows.sum() < LEAST_ROWS:
         return [
-            Problem("LOG.csv", log.name, f"a log with at least {LEAST_ROWS} rows of a whole pose; it has {rows.sum()}")
+            Fault("LOG.csv", log.name, f"a log with at least {LEAST_ROWS} rows of a whole pose; it has {rows.sum()}")
         ]
     t, path, heading = log.t[rows], np.column_stack([x, y])[rows], heading[rows]
     moved = _pace(t, path)
@@ -138,7 +138,7 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Prob
         suspect("heading", "deg", "as radians it fits neither the way the vehicle goes nor a whole turn")
     if reading.words:
         rule = f"along the way that the vehicle goes, forwards or backwards; it is where {reading.words}"
-        found.append(Problem("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
+        found.append(Fault("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
     shifted = {"vx": _smooth_rate(t, path[:, 0]), "vy": _smooth_rate(t, path[:, 1])}
     if not found:
         shifted["yaw_rate"] = _smooth_rate(t, np.unwrap(heading))
@@ -250,8 +250,8 @@ def together(logs: Sequence[Log]) -> tuple[tuple[Log, ...], bool]:
     return tuple(logs), one
 
 
-def same_channels(logs: Sequence[Log]) -> list[Problem]:
+def same_channels(logs: Sequence[Log]) -> list[Fault]:
     """Logs that do not measure what the first one does."""
     first = tuple(logs[0].measured)
     rule = f"a log with the same measurements as {logs[0].name}: {', '.join(first)}"
-    return [Problem("LOG.csv", log.name, rule) for log in logs[1:] if tuple(log.measured) != first]
+    return [Fault("LOG.csv", log.name, rule) for log in logs[1:] if tuple(log.measured) != first]

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agvjax import Problem
+from agvjax import Fault
 
-from ..recordings import Column
+from ..io.csv_file import Column
 
 FAR = 3.0  # times its noise that a log may be missed by in the mean before its commands are doubted
 CLOSER = 3.0  # times closer another reading of them must come to be believed
@@ -45,7 +45,7 @@ def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Re
 
 def misread(
     names: Sequence[str], columns: Mapping[str, Column], missed: float, fitted: Callable[[np.ndarray], float]
-) -> list[Problem]:
+) -> list[Fault]:
     """The reading under which the commands explain a log that they do not explain as they are taken.
 
     Args:
@@ -63,7 +63,7 @@ def misread(
                 f" noise, and by {left:.3g} times with {reading.words}; if that is so, say {reading.mended}"
                 " in [identify.columns]"
             )
-            return [Problem("identify.columns", ", ".join(columns.get(n, Column(n)).column for n in names), rule)]
+            return [Fault("identify.columns", ", ".join(columns.get(n, Column(n)).column for n in names), rule)]
     return []
 
 

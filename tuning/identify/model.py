@@ -13,9 +13,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import agvjax
-from agvjax import actuators, loop
-from agvjax.angle import wrap
-from agvjax.plants.protocol import into_body
+from agvjax.actuators import chain
+from agvjax.engine import loop
+from agvjax.geometry import into_body, wrap
 
 from .segments import Segments
 
@@ -67,7 +67,7 @@ class Model(NamedTuple):
         unflatten = ravel_pytree(plant.start(blank))[1]
         parts = {name: loop.actuator(scenario, name) for name in plant.actuators}
         begun = {
-            name: actuators.begin(part, u)
+            name: chain.begin(part, u)
             for (name, part), u in zip(parts.items(), self.split(stretch.inputs[0]).values(), strict=True)
         }
         flows, memories = ({name: pair[i] for name, pair in begun.items()} for i in (0, 1))
@@ -78,7 +78,7 @@ class Model(NamedTuple):
 
             def rate(x: Any, signal: Any) -> Any:
                 (state, flow), (time, held) = x, signal
-                given = {n: actuators.deliver(part, flow[n], held[n], inputs[n]) for n, part in parts.items()}
+                given = {n: chain.deliver(part, flow[n], held[n], inputs[n]) for n, part in parts.items()}
                 delivered = {n: pair[0] for n, pair in given.items()}
                 moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
                 moved = jax.tree.map(lambda dx: live * dx, moved)

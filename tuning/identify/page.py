@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import config as configuration
-from .. import runs
-from ..markdown import grid, html
-from ..settings import Config
+from ..config.settings import Config
+from ..io import files
+from ..io.pages import grid, html
 from . import figures
 from .excitation import Drive
 from .fit import Fit, Task
@@ -48,14 +48,14 @@ def write(config: Config, found: Found, out: Path) -> str:
         drawn["predictions"] = figures.predictions(found.predictions)
     for name, figure in drawn.items():
         if figure is not None:
-            runs.write_figure(out / f"{name}.png", figure)
+            files.write_figure(out / f"{name}.png", figure)
     if found.drive is not None:
         write_drive(found.drive, out)
-    runs.write(out / "scenario.toml", configuration.dump(posterior(config, found.fit, found.verdict)))
-    runs.write_json(out / "estimates.json", estimates(found))
+    files.write(out / "scenario.toml", configuration.dump(posterior(config, found.fit, found.verdict)))
+    files.write_json(out / "estimates.json", estimates(found))
     text = page(found, [name for name, figure in drawn.items() if figure is not None])
-    runs.write(out / "report.md", text)
-    runs.write(out / "report.html", html(text, out, "What the log says"))
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "What the log says"))
     return "\n\n".join([table(found.verdict), *_warnings(found), *([predicted(found)] if found.predictions else [])])
 
 
@@ -63,8 +63,8 @@ def write_drive(drive: Drive, out: Path) -> None:
     """`excitation.csv` and its picture."""
     header = ["t", *drive.commands, "expected_x", "expected_y", "expected_heading"]
     rows = np.column_stack([drive.t, drive.inputs, drive.path, drive.heading]).round(6).tolist()
-    runs.write_csv(out / "excitation.csv", header, rows)
-    runs.write_figure(out / "excitation.png", figures.drive(drive))
+    files.write_csv(out / "excitation.csv", header, rows)
+    files.write_figure(out / "excitation.png", figures.drive(drive))
 
 
 def estimates(found: Found) -> dict[str, Any]:

@@ -83,13 +83,13 @@ def named(scenario: Any, fit: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def problems(scenario: Any, fit: Sequence[str]) -> list[agvjax.Problem]:
+def faults(scenario: Any, fit: Sequence[str]) -> list[agvjax.Fault]:
     """Entries of `identify.fit` that name nothing that can be fitted."""
     known = {n: x for n, x in leaves(scenario).items() if not n.startswith(("start.", "path.", "sensor.", "limit"))}
     groups = set(fit) & set(GROUPS)
     wrong = [name for name in fit if name not in groups and (name not in known or np.ndim(known[name]))]
     rule = f"a group, {', '.join(GROUPS)}, or a number of the scenario's plant, deadzone, actuators or disturbance"
-    return [agvjax.Problem("identify.fit", name, rule) for name in wrong]
+    return [agvjax.Fault("identify.fit", name, rule) for name in wrong]
 
 
 def parameters(scenario: Any, names: Sequence[str], logs: Sequence[Log], substep: float) -> tuple[Parameter, ...]:

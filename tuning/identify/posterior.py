@@ -10,8 +10,8 @@ import numpy as np
 import agvjax
 from agvjax.leaves import leaves
 
-from ..ensemble import Between, Correlation, Distribution, Draw, correlated, default_draws
-from ..settings import Config
+from ..config.settings import Config
+from ..ensemble.draws import Between, Correlation, Distribution, Draw, correlated, default_draws
 from .fit import Fit
 from .parameters import SINUSOID, sinusoidal
 from .verdict import Estimate, Verdict

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax import InputError, Problem
+from agvjax import Fault, InputError
 
-from ..settings import Config
+from ..config.settings import Config
 from . import log as logs
 from . import parameters as wanted
 from .fit import Task
@@ -30,12 +30,12 @@ def check(config: Config) -> None:
     Raises:
         agvjax.InputError: names every bad key.
     """
-    found = wanted.problems(prepared(config, 0.02), config.identify.fit)
+    found = wanted.faults(prepared(config, 0.02), config.identify.fit)
     if config.precision != 64:
-        found.append(Problem("precision", config.precision, "64: intervals come from matrices too uneven for 32 bits"))
+        found.append(Fault("precision", config.precision, "64: intervals come from matrices too uneven for 32 bits"))
     if not hasattr(config.scenario.plant, "needs"):
         rule = "a vehicle: unicycle, differential_drive, kinematic_single_track, single_track"
-        found.append(Problem("scenario.plant", type(config.scenario.plant).__name__, rule))
+        found.append(Fault("scenario.plant", type(config.scenario.plant).__name__, rule))
     if found:
         raise InputError(found)
 
@@ -55,7 +55,7 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     wrong = logs.same_channels(found)
     for i, log in enumerate(found):
         if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in found[:i]):
-            wrong.append(Problem("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
+            wrong.append(Fault("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
     if wrong:
         raise InputError(wrong)
     return logs.together(found)
@@ -77,7 +77,7 @@ def task(files: Sequence[str], config: Config) -> Task:
             f" identify.memory, {settings.memory:g} s, at the beginning and after each gap;"
             f" it has {counts.segments} in {long:.3g} s with {counts.gaps} gaps"
         )
-        raise InputError([Problem("LOG.csv", first.name, rule)])
+        raise InputError([Fault("LOG.csv", first.name, rule)])
     shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
     model = of(config, tuple(first.measured), first.commands, shortest)
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
@@ -86,7 +86,7 @@ def task(files: Sequence[str], config: Config) -> Task:
     unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
     if (told := int((segments.weight > 0).sum())) < 2 * unknown:
         rule = f"so long that there are twice as many measurements as unknowns; there are {told} for {unknown}"
-        raise InputError([Problem("identify.segment", settings.segment, rule)])
+        raise InputError([Fault("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
     return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns)

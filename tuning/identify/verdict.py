@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..settings import Identify
+from ..config.settings import Identify
 from .fit import WORTH, Fit, Task, fit, refitted
 from .parameters import OMEGA, Parameter, sinusoidal
 

@@ -16,8 +16,8 @@ from scipy.stats import qmc
 import agvjax
 from agvjax.leaves import get, unit_of
 
-from ..ensemble import TAIL, Correlated, Distribution, Draw, OneOf, together, uniform
-from ..settings import Config
+from ..config.settings import Config
+from ..ensemble.draws import TAIL, Correlated, Distribution, Draw, OneOf, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on

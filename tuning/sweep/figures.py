@@ -10,7 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from ..objective import unit
+from agvjax.metric_table import unit
+
 from .design import Axis, Design
 from .findings import Index, cut, interval
 from .results import Results

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from ..settings import Bound
+from ..config.settings import Bound
 from .design import LEVELS, SENSITIVITY, Axis, Design, unit_problem
 from .results import Results
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..markdown import grid
-from ..objective import unit
+from agvjax.metric_table import unit
+
+from ..io.pages import grid
 from .design import SENSITIVITY
 from .findings import worst
 from .results import Results

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import METRICS, criteria
 
-from ..ensemble import Between, OneOf, box
-from ..objective import METRICS, criteria
-from ..settings import Config, steps_of
-from ..worst import Adversary
+from ..config.settings import Config
+from ..ensemble.draws import Between, OneOf, box
+from ..ensemble.worst import Adversary
 from .design import LAW, Axis, Design, Target
 from .results import Results
 
@@ -85,7 +85,7 @@ class Reach(NamedTuple):
 
 def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adversary:
     """Looks for the scenario nearest to failing, or beyond, in the box of z = (controller, r)."""
-    reach, settings = Reach.of(plan), config.sweep
+    reach = Reach.of(plan)
     labels = [f"axis{i}" for i in range(len(reach.axes))]
 
     def rollout(z: Any, moves: Any) -> tuple[Any, Any]:
@@ -94,11 +94,9 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
         metrics = agvjax.evaluate(
             law,
             agvjax.batch(plan.scenario, leaves),
-            dt=settings.dt,
-            n_steps=steps_of(config.simulate.horizon, settings.dt),
             criteria=criteria(bounds),
-            integrator=agvjax.INTEGRATORS[settings.integrator],
             block=BLOCK,
+            **config.timing("sweep"),
         )
         return jnp.stack([METRICS[name](metrics) / bound for name, bound in bounds.items()]), metrics.ok
 

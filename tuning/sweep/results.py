@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import config as configuration
-from ..settings import Config
+from ..config.load import resolve
+from ..config.settings import Config
 from . import shards
 from .design import Design, design
+from .rules import faults
 from .shards import Manifest
 
 
@@ -146,7 +147,7 @@ def _replaced(path: Path, write: Callable[[Path], Any]) -> None:
 
 def config_of(made: Manifest) -> Config:
     """The configuration that a manifest holds."""
-    return configuration.resolve(tomllib.loads(made.config), "sweep")
+    return resolve(tomllib.loads(made.config), faults)
 
 
 def opened(made: Manifest) -> Design:
@@ -156,4 +157,4 @@ def opened(made: Manifest) -> Design:
 
 def controller_of(made: Manifest, which: int) -> Any:
     """One of its controllers."""
-    return configuration.resolve(tomllib.loads(made.controllers[which]), "simulate").controller
+    return resolve(tomllib.loads(made.controllers[which])).controller

@@ -22,7 +22,7 @@ import numpy as np
 
 import agvjax
 
-from .. import runs
+from ..io import files
 
 MANIFEST, CLAIM = "manifest.json", "claim"
 FORMAT = 1
@@ -70,7 +70,7 @@ def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: 
 
 def write_manifest(folder: Path, made: Manifest) -> None:
     """`manifest.json`; processes that begin at once write the same."""
-    runs.write_json(
+    files.write_json(
         folder / MANIFEST, {"format": FORMAT, **made._asdict(), "shards": [made.span(i) for i in range(made.count)]}
     )
 
@@ -104,7 +104,7 @@ def write_shard(
     arrays: dict[str, Any] = {"digest": made.digest, "first": first, "count": count}
     arrays |= {f"result/{name}": value for name, value in results.items()}
     arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
-    runs.write_npz(path_of(folder, shard), arrays)
+    files.write_npz(path_of(folder, shard), arrays)
 
 
 def read_shard(folder: Path, made: Manifest, shard: int) -> dict[str, np.ndarray] | None:

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from agvjax import InputError, Problem
+from agvjax import Fault, InputError
 
-from ..settings import Config
+from ..config.settings import Config
 from . import findings, radius
 from .design import SENSITIVITY, Design
 from .findings import Failures, Index
@@ -74,7 +74,7 @@ def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str
     """
     nominal = _nominal(plan, judge, size)
     bad = [
-        Problem(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}")
+        Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}")
         for name, bound in config.sweep.fails.items()
         if not bound.absolute and not (np.isfinite(nominal[name]) and nominal[name] > 0)
     ]

@@ -12,10 +12,10 @@ import jax
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import METRICS, criteria, unit
 
 from .. import config as configuration
-from ..objective import METRICS, criteria, unit
-from ..settings import Config, steps_of
+from ..config.settings import Config
 from . import shards
 from .design import Design, design
 from .results import Results, collect
@@ -71,7 +71,6 @@ def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None
 
 def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list[Judge]:
     """For every controller, what makes metrics and `ok` (size,) of the leaves of so many scenarios; compiled."""
-    settings = config.sweep
     values = plan.values(0, min(size, plan.size))
     example = {name: _padded(value, size) for name, value in values.items()}
     compiled: dict[Any, Any] = {}
@@ -82,10 +81,8 @@ def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list
         metrics = agvjax.evaluate(
             controller,
             batch,
-            dt=settings.dt,
-            n_steps=steps_of(config.simulate.horizon, settings.dt),
             criteria=criteria(kept(config)),
-            integrator=agvjax.INTEGRATORS[settings.integrator],
+            **config.timing("sweep"),
         )
         return {"ok": metrics.ok, **{name: METRICS[name](metrics) for name in kept(config)}}
 

@@ -1,0 +1,1 @@
+"""What stands between a command and what is delivered: the deadzone, and elements in any order as a chain."""

@@ -1,0 +1,41 @@
+"""Input deadzone, eqs. (11)-(18)."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+
+
+@pytree
+class Deadzone:
+    """Eq. (11). What an actuator delivers of what it is commanded; the default delivers everything.
+
+    Slopes and thresholds are magnitudes (reading R1: the paper's section 4 prints a negative left threshold,
+    which eq. (11) does not allow).
+    """
+
+    slope_right: float = number(1.0, "1", POSITIVE, "Pi_r, eq. (11)")
+    slope_left: float = number(1.0, "1", POSITIVE, "Pi_l, eq. (11)")
+    threshold_right: float = number(0.0, "unit of the command", NONNEGATIVE, "s_r, eq. (11)")
+    threshold_left: float = number(0.0, "unit of the command", NONNEGATIVE, "s_l, eq. (11), reading R1")
+
+    def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """Eq. (11). Delivered input, same shape and unit as the command `u`.
+
+        Kinks lie at u = threshold_right and u = -threshold_left; between them the derivative is exactly 0.
+        """
+        right = self.slope_right * jnp.maximum(u - self.threshold_right, 0)
+        left = self.slope_left * jnp.minimum(u + self.threshold_left, 0)
+        return right + left
+
+    def slope(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """Eqs. (13), (17). The slope that the sign of the command selects."""
+        return jnp.where(u > 0, self.slope_right, self.slope_left)
+
+    def residual(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """Eqs. (14), (18). The disturbance-like rest d(u): what is delivered is slope * u + residual, eq. (12)."""
+        inside = -self.slope(u) * u
+        left = jnp.where(u <= -self.threshold_left, self.slope_left * self.threshold_left, inside)
+        return jnp.where(u >= self.threshold_right, -self.slope_right * self.threshold_right, left)

@@ -1,0 +1,1 @@
+"""Figures and animations: the only files that import matplotlib."""

@@ -1,0 +1,91 @@
+"""Figures of trajectories. With `animate` the only modules that import matplotlib; they make figures and show none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..metrics import tracking_error
+
+CHANNELS = ("x", "y", "heading")
+ERRORS = ("$e_x$ [m]", "$e_y$ [m]", r"$e_\psi$ [rad]")
+COMMANDS = (r"$\bar u_x$ [m/s$^2$]", r"$\bar u_y$ [m/s$^2$]", r"$\bar\omega$ [rad/s]")
+ALONE = ({"color": "tab:blue", "lw": 1.4},)
+STYLES = (
+    {"color": "0.55", "lw": 1.2, "ls": "--"},
+    {"color": "tab:blue", "lw": 1.4},
+    {"color": "tab:orange", "lw": 1.2, "ls": ":"},
+)
+
+Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
+
+
+def path(runs: Runs) -> Figure:
+    """The reference path and what the reference point of the vehicle did, in the plane."""
+    figure = Figure(figsize=(5.2, 5.2), layout="constrained")
+    axes = figure.add_subplot()
+    draw_path(axes, runs)
+    return figure
+
+
+def draw_path(axes: Any, runs: Runs) -> None:
+    """The same on given axes."""
+    first = next(iter(runs.values()))
+    axes.plot(*np.asarray(first.reference_position).T, color="k", lw=0.8, label="path")
+    for (label, run), style in zip(runs.items(), _styles(runs), strict=False):
+        axes.plot(*np.asarray(run.position).T, label=label, **style)
+    axes.plot(*np.asarray(first.position[0]), "o", color="k", ms=4, label="start")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.legend(fontsize=8)
+
+
+def errors(runs: Runs) -> Figure:
+    """The errors in time."""
+    return _rows(runs, lambda run: np.asarray(tracking_error(run)), ERRORS, "symlog", 1e-2)
+
+
+def commands(runs: Runs) -> Figure:
+    """The commands in time, before the actuators."""
+    return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
+
+
+def inputs(run: Any, names: Sequence[str]) -> Figure:
+    """What each actuator was asked for and what it delivered; grey where something was at its limit."""
+    figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")
+    rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    t, limited = np.asarray(run.t), np.asarray(run.limited, float)
+    for i, (axes, name) in enumerate(zip(rows, names, strict=True)):
+        asked, delivered = np.asarray(run.inputs)[:, i], np.asarray(run.delivered)[:, i]
+        axes.plot(t, asked, color="0.6", lw=0.8, ls="--", label="asked")
+        axes.plot(t, delivered, color="tab:blue", lw=1.2, label="delivered")
+        held = np.repeat(t, 2)[1:], np.repeat(limited, 2)[:-1]  # from each sample to the next
+        axes.fill_between(held[0], 0, held[1], transform=axes.get_xaxis_transform(), color="0.9", lw=0)
+        room = 1.3 * max(float(np.max(np.abs(delivered))), 1e-9)
+        axes.set(ylabel=name.replace("_", " "), ylim=(-room, room))
+        axes.grid(alpha=0.3)
+    rows[0].legend(fontsize=8, ncols=2)
+    rows[-1].set(xlabel="time [s]")
+    return figure
+
+
+def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
+    return ALONE if len(runs) == 1 else STYLES
+
+
+def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
+    channels = values(next(iter(runs.values()))).shape[1]  # two where the heading is not commanded
+    figure = Figure(figsize=(7.5, 2 * channels), layout="constrained")
+    rows = figure.subplots(channels, 1, sharex=True, squeeze=False)[:, 0]
+    for channel, (axes, label) in enumerate(zip(rows, labels, strict=False)):
+        for (name, run), style in zip(runs.items(), _styles(runs), strict=False):
+            axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)
+        axes.set_yscale(scale, linthresh=linear)
+        axes.set(ylabel=label)
+        axes.grid(alpha=0.3)
+    rows[-1].set(xlabel="time [s]")
+    if len(runs) > 1:
+        rows[0].legend(fontsize=8, ncols=len(runs))
+    return figure

@@ -1,0 +1,1 @@
+"""The closed loop in time: one instant, one step, the rollout, and what makes it fast."""

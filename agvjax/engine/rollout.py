@@ -1,0 +1,230 @@
+"""One closed loop over its steps: tables of what depends on time alone, chunks, the latch."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._pytree import pytree
+from ..leaves import cast
+from ..paths.heading import default_heading, reference
+from ..timing import Timing
+from . import loop
+from .scalarise import MOST_SCALARS, scalarise, split_tree
+
+CHUNK = 100  # steps whose time-only signals are tabulated at once; also the unit of checkpointing
+
+
+@pytree
+class Carry:
+    """What one step hands to the next."""
+
+    flow: loop.Flow
+    held: loop.Held
+    ok: Bool[Array, ""]
+    meter: Any
+
+
+class Rollout:
+    """One closed loop ready to be stepped: the objects, cast to the run's dtype, and how to step them.
+
+    `meter` accumulates over the steps: `start(sample) -> m` and `update(m, sample, weights) -> m`, where
+    `weights(t, left, right, end)` is tabulated with the other time-only signals.
+    """
+
+    def __init__(
+        self,
+        controller: Any,
+        scenario: Any,
+        *,
+        timing: Timing,
+        dtype: Any,
+        meter: Any,
+    ):
+        known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
+        if set(scenario.deadzone) != known or not set(scenario.actuators) <= known:
+            given = tuple(dict.fromkeys((*scenario.deadzone, *scenario.actuators)))
+            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {given}")
+        if hasattr(controller, "period") and timing.control_every != 1:
+            raise ValueError(f"control_every must be 1 for a law with a period of its own; got {timing.control_every}")
+        self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
+        self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
+        self.dt = jnp.asarray(timing.dt, self.dtype)
+        self.n_steps, self.every, self.integrator = timing.n_steps, timing.control_every, timing.integrator
+        if hasattr(controller, "period"):
+            self.every = jnp.maximum(jnp.round(self.controller.period / self.dt), 1).astype(int)
+        self.end = self.dt * timing.n_steps
+
+        heading, disturbance = self.scenario.heading, self.scenario.disturbance
+        self.jumps = []  # functions that know the instant nearest to `t` at which a signal jumps
+        if hasattr(heading, "nearest_jump") and hasattr(self.scenario.path, "nearest_crossing"):
+            self.jumps.append(functools.partial(heading.nearest_jump, self.scenario.path))
+        if hasattr(disturbance, "nearest_jump"):
+            self.jumps.append(disturbance.nearest_jump)
+
+    def instant(self, index: Any) -> tuple[Any, Any, Any]:
+        """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
+
+        Returns t [s], by how much it was moved, and how far from the jump signals are looked at, before and after it.
+        """
+        t = jnp.asarray(index).astype(self.dtype) * self.dt
+        moved = gap = jnp.zeros_like(t)
+        small = float(jnp.finfo(self.dtype).eps) ** 0.5  # a bearing's rate this close to its jump is off by as much
+        for nearest_jump in self.jumps:
+            away = nearest_jump(t) - t
+            near = (-self.dt / 2 < away) & (away <= self.dt / 2)
+            moved = jnp.where(near, away, moved)
+            gap = jnp.where(near, jnp.minimum(small, self.dt / 4), gap)
+        return t + moved, moved, gap
+
+    def weights(self, index: Any) -> Any:
+        """What the meter wants to know of an instant; time-only."""
+        (_, before, _), (t, moved, _), (_, after, _) = (self.instant(index + i) for i in (-1, 0, 1))
+        return self.meter.weights(t, self.dt + (moved - before), self.dt + (after - moved), self.end)
+
+    def time_only(self, t: Float[Array, ""], side: Any = 0.0) -> Any:
+        """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
+        path, disturbance = self.scenario.path, self.scenario.disturbance
+        heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
+        shape = (disturbance.shape if hasattr(disturbance, "shape") else disturbance)(t + side)
+        return reference(path, lambda path, time: heading(path, time + side), t), shape
+
+    def signals(self, t: Float[Array, ""], row: Any) -> loop.Signals:
+        """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
+        ref, shape = row
+        disturbance = self.scenario.disturbance
+        value = disturbance.scale(shape) if hasattr(disturbance, "scale") else shape
+        return loop.Signals(time=t, reference=ref, disturbance=value)
+
+    def table(self, first: Any, steps: int) -> Any:
+        """Time-only signals of `steps` steps from number `first`, at the nodes of the integrator."""
+        return jax.vmap(self.row)(first + jnp.arange(steps))
+
+    def row(self, index: Any) -> Any:
+        """Of one step: its number, length, instants of the nodes, signals there, and the meter's weights."""
+        (begin, moved, past), (_, moved_next, short) = self.instant(index), self.instant(index + 1)
+        h = self.dt + (moved_next - moved) if self.jumps else self.dt
+        nodes = self.integrator.nodes
+        t = [begin + node * h if self.jumps else (index.astype(self.dtype) + node) * self.dt for node in nodes]
+        sides = [past if node == 0 else -short if node == 1 else jnp.zeros_like(h) for node in nodes]
+        t, sides = jnp.stack(t), jnp.stack(sides)
+        signals = jax.vmap(self.time_only)(t, sides) if self.jumps else jax.vmap(self.time_only)(t)
+        return index, h, t, signals, self.weights(index)
+
+    def begin(self) -> Carry:
+        """The first carry."""
+        _, _, t, table, _ = self.row(jnp.zeros((), int))
+        signals = self.signals(t[0], _first(table))
+        flow, held, ok = loop.start(self.controller, self.scenario, signals)
+        sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
+        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.start(sample))
+
+    def control(self, carry: Carry, index: Any, h: Any, signals: loop.Signals) -> loop.Held:
+        """The memory in force at this step: that of the law renewed where it is a control instant."""
+        held = carry.held
+        if jax.tree.leaves((held.controller, held.sensor)):
+            held = self._looked(carry, index, signals)
+        if jax.tree.leaves((held.actuators, held.plant)):
+            held = loop.advance(self.controller, self.scenario, carry.flow, held, signals, h)
+        return held
+
+    def _looked(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
+        def renew() -> loop.Held:
+            h = self.dt * jnp.asarray(self.every).astype(self.dtype)
+            return loop.jump(self.controller, self.scenario, carry.flow, carry.held, signals, h)
+
+        if isinstance(self.every, int) and self.every == 1:
+            return renew()
+        return jax.lax.cond(index % self.every == 0, renew, lambda: carry.held)
+
+    def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
+        """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
+        index, h, t, table, weights = row
+        nodes = range(len(self.integrator.nodes))
+        signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
+        held = self.control(carry, index, h if self.jumps else self.dt, signals[0])
+
+        def rate(flow: loop.Flow, signal: loop.Signals) -> tuple[loop.Flow, loop.Sample]:
+            return loop.derivative(self.controller, self.scenario, flow, held, signal)
+
+        flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
+        ok = carry.ok & loop.inside(self.scenario, flow.plant)
+        flow, held = jax.tree.map(lambda new, old: jnp.where(ok, new, old), (flow, held), (carry.flow, carry.held))
+        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
+
+    def run(self, save_every: int | None) -> tuple[Carry, Any, loop.Sample]:
+        """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
+
+        def steps(carry: Carry, rows: Any) -> Carry:
+            if sum(x.size for x in jax.tree.leaves(carry)) > MOST_SCALARS:
+                return jax.lax.scan(lambda c, row: (self.step(c, row)[0], None), carry, rows)[0]
+            step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
+            columns = jax.tree.map(lambda x: [x[(slice(None), *i)] for i in np.ndindex(x.shape[1:])], rows)
+            # the row travels in the carry, fetched one step ahead: a row read in the body would be read in every kernel
+            now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
+            return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
+
+        def save(carry: Carry, rows: Any) -> tuple[Carry, loop.Sample]:
+            after, sample = self.step(carry, _first(rows))
+            return after if save_every == 1 else steps(carry, rows), sample
+
+        def chunk(carry: Carry, first: Any, count: int) -> tuple[Carry, Any]:
+            rows = self.table(first, count)
+            if save_every is None:
+                return steps(carry, rows), None
+            rows = jax.tree.map(lambda x: x.reshape(-1, save_every, *x.shape[1:]), rows)
+            return jax.lax.scan(save, carry, rows)
+
+        chunk = jax.checkpoint(chunk, prevent_cse=False, static_argnums=2)  # reverse mode keeps one carry a chunk
+        size = CHUNK if save_every is None else save_every * max(1, CHUNK // save_every)
+        carry, parts = self.begin(), []
+        whole, rest = divmod(self.n_steps, size)
+        if whole:
+            several, inner = _groups(whole) if save_every is None else (1, whole)
+
+            def group(carry: Carry, first: Any) -> tuple[Carry, Any]:
+                return jax.lax.scan(lambda c, k: chunk(c, k, size), carry, first + size * jnp.arange(inner))
+
+            if several == 1:
+                carry, samples = group(carry, 0)
+            else:  # reverse mode keeps one carry a group, and those of the chunks of one group
+                group = jax.checkpoint(group, prevent_cse=False)
+                carry, samples = jax.lax.scan(group, carry, size * inner * jnp.arange(several))
+            parts.append(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), samples))
+        if rest:
+            carry, samples = chunk(carry, jnp.array(whole * size), rest)
+            parts.append(samples)
+        last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
+        return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _groups(chunks: int) -> tuple[int, int]:
+    """Number and size of groups of chunks, both near the root; one group where there are few or none divides them."""
+    inner = next(g for g in range(int(chunks**0.5), 0, -1) if chunks % g == 0)
+    return (1, chunks) if chunks < 64 or inner < 5 else (chunks // inner, inner)
+
+
+def _first(rows: Any) -> Any:
+    return jax.tree.map(lambda x: x[0], rows)
+
+
+@pytree
+class NoMeter:
+    """Measures nothing."""
+
+    def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[()]:
+        """Nothing depends on time."""
+        return ()
+
+    def start(self, sample: loop.Sample) -> tuple[()]:
+        """Nothing to begin with."""
+        return ()
+
+    def update(self, state: tuple[()], sample: loop.Sample, weights: tuple[()]) -> tuple[()]:
+        """Nothing is added."""
+        return state

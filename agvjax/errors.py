@@ -1,0 +1,27 @@
+"""What is wrong with a value, and the error that lists it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Fault(NamedTuple):
+    """One thing that is wrong: which key, what it holds, what it must be and why."""
+
+    key: str
+    value: object
+    rule: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        return f"{self.key} = {self.value}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
+
+
+class InputError(ValueError):
+    """Values a person must mend; the message names every one of them, `faults` lists them."""
+
+    def __init__(self, faults: list[Fault]):
+        self.faults = faults
+        count = f"{len(faults)} bad value" + ("s" if len(faults) > 1 else "")
+        super().__init__("\n  ".join([f"{count}:", *map(str, faults)]))

@@ -1,0 +1,49 @@
+"""What a controller and a plant say to each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jaxtyping import Array, Float
+
+from ._pytree import ANY, number, pytree
+
+
+@pytree
+class Command:
+    """What a controller asks for, before the actuators: U_bar and omega_bar."""
+
+    position: Float[Array, "2"]  # m/s^2
+    heading: Float[Array, ""]  # rad/s
+    inputs: Any = None  # {actuator: input}, of a law that allocates for itself; None: the plant does
+
+
+@pytree
+class Measurement:
+    """What a controller sees of the vehicle."""
+
+    position: Float[Array, "2"]  # m, the reference point (x_n, y_n), eq. (2)
+    velocity: Float[Array, "2"]  # m/s
+    heading: Float[Array, ""]  # rad
+    yaw_rate: Float[Array, ""]  # rad/s
+    steering_angle: Any = None  # rad, of a vehicle that steers a wheel
+
+
+@pytree
+class Reference:
+    """What the path asks for at one instant."""
+
+    position: Float[Array, "2"]  # m
+    velocity: Float[Array, "2"]  # m/s
+    acceleration: Float[Array, "2"]  # m/s^2
+    heading: Float[Array, ""]  # rad
+    heading_rate: Float[Array, ""]  # rad/s
+
+
+@pytree
+class Start:
+    """Where a run begins (section 4)."""
+
+    position: Float[Array, "2"] = number((-0.5, 0.5), "m", ANY, "sec. 4", shape=(2,))
+    velocity: Float[Array, "2"] = number((0.1, 0.1), "m/s", ANY, "sec. 4 (reading R15)", shape=(2,))
+    heading: float = number(0.1, "rad", ANY, "sec. 4")

@@ -1,0 +1,1 @@
+"""Reference paths, and the heading that they ask for."""

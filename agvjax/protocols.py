@@ -1,0 +1,383 @@
+"""What laws, plants, paths, headings, disturbances, elements and sensors must have, and what they may have.
+
+A class of one's own derives from one of these and stands under `@agvjax.pytree`. What raises `NotImplementedError` must
+be written; all else has a default that means "nothing of the kind". Everything is written for one vehicle at one
+instant with `jax.numpy`; `jax.vmap` batches.
+
+Besides a state that flows, with a derivative, a law, an element, a plant and a sensor may have a memory that jumps: a
+sensor's and a law's at control instants, an element's and a plant's at the start of every step of the integrator.
+`hold` gives its first value, `jump` the next one; `()` is no memory and costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PyTree
+
+from ._pytree import Real
+from .errors import Fault
+from .leaves import leaves
+from .messages import Command, Measurement, Reference, Start
+
+if TYPE_CHECKING:
+    from .actuators.deadzone import Deadzone
+
+T = TypeVar("T")
+Inputs = dict[str, Array]  # by actuator, what is asked of it or what it delivers
+Stable = Callable[[np.ndarray], bool]  # whether a step integrates modes with these poles [1/s]
+
+
+class Law:
+    """A control law: needs `init` and `law`."""
+
+    tunable: ClassVar[tuple[str, ...] | None] = None  # gains to tune; None: every leaf that is a single number
+    heading_gains: ClassVar[tuple[str, ...]] = ()  # those of them that serve the heading alone
+    fastest: ClassVar[tuple[str, str]] = ("law's fastest part", "")  # what has the poles of `poles`, and its source
+
+    def init(self, measurement: Measurement, reference: Reference) -> PyTree:
+        """The state of a law that starts now."""
+        raise NotImplementedError(f"{type(self).__name__} needs init(measurement, reference)")
+
+    def law(
+        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, PyTree]:
+        """The command before the deadzone, and the derivative of the state.
+
+        The heading's command must not need the yaw rate where the plant has `feedthrough`.
+        """
+        raise NotImplementedError(f"{type(self).__name__} needs law(flow, memory, measurement, reference)")
+
+    def hold(self, measurement: Measurement, reference: Reference) -> PyTree:
+        """The memory before the first control instant."""
+        return ()
+
+    def jump(
+        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference, h: Float[Array, ""]
+    ) -> PyTree:
+        """The memory after a control instant, `h` [s] after the last one."""
+        return memory
+
+    def control_period(self) -> Real | None:
+        """Time [s] between control instants of a law that runs on a clock of its own; None: as the run says."""
+        return None
+
+    def limited(self, memory: PyTree) -> Bool[Array, ""]:
+        """Whether the law keeps back something that it would like to ask for."""
+        return jnp.zeros((), bool)
+
+    def state(self, flow: PyTree, memory: PyTree) -> PyTree:
+        """What a trajectory shows of the law."""
+        return flow
+
+    def weight_norms(self, flow: PyTree) -> Float[Array, "2"] | None:
+        """Squared norms of adapted weights, position and heading; None without a network."""
+        return None
+
+    def step(
+        self, state: PyTree, measurement: Measurement, reference: Reference, period: Array, limit: Real | None = None
+    ) -> tuple[Command, PyTree, Bool[Array, ""]]:
+        """One period [s] of a digital loop, measurement and reference held over it; by Euler's method.
+
+        Args:
+            state: that of `init`.
+            measurement: at the instant.
+            reference: at the instant.
+            period: length [s].
+            limit: bound of the virtual control's correction [m/s], of laws that have one.
+
+        Returns:
+            The command, the state a period later, and whether the limit was met.
+        """
+        command, rate = self.law(state, (), measurement, reference)
+        return command, jax.tree.map(lambda x, dx: x + period * dx, state, rate), jnp.zeros((), bool)
+
+    def relieved(self, before: PyTree, later: PyTree, missing: Array, limited: Array, period: Array) -> PyTree:
+        """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied."""
+        return later
+
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """Names of the gains to tune by default; those of the heading only where it can be commanded."""
+        if self.tunable is None:
+            return tuple(name for name, value in leaves(self).items() if np.ndim(value) == 0)
+        return tuple(name for name in self.tunable if heading or name not in self.heading_gains)
+
+    def poles(self) -> np.ndarray:
+        """Poles [1/s] of the law's fastest part, which a step of the integrator must suit."""
+        return np.array([])
+
+    def rates(self) -> dict[str, np.ndarray]:
+        """By gain the poles [1/s] of the modes whose speed it sets."""
+        return {}
+
+    def upper_bounds(self, stable: Stable) -> dict[str, float]:
+        """By gain what it must stay below, so that a step integrates the law."""
+        return {}
+
+    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
+        """By gain what it must exceed for stability, with the smallest deadzone slopes of position and heading."""
+        return {}
+
+    def faults(self, plant: Plant) -> list[Fault]:
+        """What of the law does not suit a plant; keys are relative to the law."""
+        return []
+
+
+class Wrapping(Law):
+    """A law around another, `inner`: whatever is not written anew is the inner law's, its gains named `inner.`."""
+
+    inner: Law
+
+    def init(self, measurement: Measurement, reference: Reference) -> PyTree:
+        """The state of the law inside."""
+        return self.inner.init(measurement, reference)
+
+    def law(
+        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, PyTree]:
+        """That of the law inside."""
+        return self.inner.law(flow, memory, measurement, reference)
+
+    def hold(self, measurement: Measurement, reference: Reference) -> PyTree:
+        """The memory of the law inside."""
+        return self.inner.hold(measurement, reference)
+
+    def jump(
+        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference, h: Float[Array, ""]
+    ) -> PyTree:
+        """That of the law inside."""
+        return self.inner.jump(flow, memory, measurement, reference, h)
+
+    def control_period(self) -> Real | None:
+        """That of the law inside."""
+        return self.inner.control_period()
+
+    def limited(self, memory: PyTree) -> Bool[Array, ""]:
+        """Whether the law inside keeps something back."""
+        return self.inner.limited(memory)
+
+    def state(self, flow: PyTree, memory: PyTree) -> PyTree:
+        """That of the law inside."""
+        return self.inner.state(flow, memory)
+
+    def weight_norms(self, flow: PyTree) -> Float[Array, "2"] | None:
+        """Those of the law inside."""
+        return self.inner.weight_norms(flow)
+
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """Those of the law inside."""
+        return tuple(f"inner.{name}" for name in self.inner.gains_to_tune(heading))
+
+    def poles(self) -> np.ndarray:
+        """Those of the law inside."""
+        return self.inner.poles()
+
+    def rates(self) -> dict[str, np.ndarray]:
+        """Those of the law inside."""
+        return _prefixed(self.inner.rates())
+
+    def upper_bounds(self, stable: Stable) -> dict[str, float]:
+        """Those of the law inside."""
+        return _prefixed(self.inner.upper_bounds(stable))
+
+    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
+        """Those of the law inside."""
+        return _prefixed(self.inner.stability_bounds(Pi_min, Pi_psi_min))
+
+    def faults(self, plant: Plant) -> list[Fault]:
+        """Those of the law inside."""
+        return [fault._replace(key=f"inner.{fault.key}") for fault in self.inner.faults(plant)]
+
+
+def _prefixed(named: Mapping[str, T]) -> dict[str, T]:
+    return {f"inner.{name}": value for name, value in named.items()}
+
+
+class Motion(NamedTuple):
+    """What following a path exactly asks of a vehicle, at n instants; see `agvjax.demands`."""
+
+    speed: np.ndarray  # m/s, v, of the axle along the body
+    yaw_rate: np.ndarray  # rad/s, w
+    acceleration: np.ndarray  # m/s^2, v'
+    yaw_acceleration: np.ndarray  # rad/s^2, w'
+
+
+class Plant:
+    """A vehicle: needs `actuators`, `start`, `allocate`, `derivative` and `output`."""
+
+    actuators: tuple[str, ...] = ()  # the names of what drives it
+    feedthrough: bool = False  # whether `output` needs what is delivered at the same instant
+    commands_heading: bool = True  # False: the heading follows from the motion, and no law commands it
+    units: ClassVar[Mapping[str, str]] = {}  # by actuator, and by what else `needs` and `reach` name
+
+    def start(self, start: Start) -> PyTree:
+        """The state a run begins in; a dataclass with a `heading`."""
+        raise NotImplementedError(f"{type(self).__name__} needs start(start)")
+
+    def allocate(self, command: Command, measurement: Measurement) -> Inputs:
+        """What to ask of the actuators for a law's command."""
+        raise NotImplementedError(f"{type(self).__name__} needs allocate(command, measurement)")
+
+    def derivative(self, state: PyTree, memory: PyTree, delivered: Inputs, disturbance: Float[Array, "3"]) -> PyTree:
+        """The derivative of the state under what is delivered and a disturbance [m/s^2, m/s^2, rad/s]."""
+        raise NotImplementedError(f"{type(self).__name__} needs derivative(state, memory, delivered, disturbance)")
+
+    def output(self, state: PyTree, delivered: Inputs) -> Measurement:
+        """What a sensor without noise sees."""
+        raise NotImplementedError(f"{type(self).__name__} needs output(state, delivered)")
+
+    def hold(self, state: PyTree) -> PyTree:
+        """The memory before the first step."""
+        return ()
+
+    def jump(self, state: PyTree, memory: PyTree, delivered: Inputs, h: Float[Array, ""]) -> PyTree:
+        """The memory for the step that begins, `h` [s] long."""
+        return memory
+
+    def deadzones(self) -> dict[str, Deadzone]:
+        """Nominal deadzones of its actuators; an actuator that is not named delivers everything."""
+        return {}
+
+    def parts(self, actuator: str) -> tuple[str, ...]:
+        """The names, in `needs` and `reach`, of what one actuator delivers."""
+        return (actuator,)
+
+    def achieved(self, inputs: Inputs, measurement: Measurement) -> Float[Array, "2"]:
+        """The position command [m/s^2] that inputs amount to; anti-windup needs it."""
+        raise NotImplementedError(f"{type(self).__name__} needs achieved(inputs, measurement) for anti-windup")
+
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
+        """By actuator, and by what else has a limit, what must be delivered for a motion; empty: it does not say."""
+        return {}
+
+    def reach(self) -> dict[str, tuple[float, float]]:
+        """Least and most of what `needs` names, where the vehicle itself limits it."""
+        return {}
+
+
+class Path:
+    """A reference path: needs `__call__`. Its derivatives are taken by JAX."""
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+        """Position [m] at time `t` [s], twice differentiable."""
+        raise NotImplementedError(f"{type(self).__name__} needs __call__(t)")
+
+    def bearing(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """A smooth heading [rad] that is not the tangent's; None without one."""
+        return None
+
+    def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """When, nearest to `t` [s], the path passes the origin, where a raw bearing jumps; None: never."""
+        return None
+
+    def end(self) -> float:
+        """When [s] it stops at its last point; infinite of a path without an end."""
+        return float("inf")
+
+
+class Heading:
+    """The heading that a path asks for: needs `__call__`."""
+
+    def __call__(self, path: Path, t: Float[Array, ""]) -> Float[Array, ""]:
+        """Heading [rad] at time `t` [s]."""
+        raise NotImplementedError(f"{type(self).__name__} needs __call__(path, t)")
+
+    def nearest_jump(self, path: Path, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """When, nearest to `t` [s], it jumps; a step of the integrator then begins there. None: never."""
+        return None
+
+    def faults(self, path: Path) -> list[Fault]:
+        """What of a path does not suit this heading."""
+        return []
+
+
+class Disturbance:
+    """What pushes: needs `__call__`.
+
+    Split into a time-only `shape` and a `scale`, a batch of amplitudes costs one multiplication: the rollout tabulates
+    the shape outside its loop.
+    """
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Disturbance at time `t` [s] in the x, y and heading channels [m/s^2, m/s^2, rad/s]."""
+        raise NotImplementedError(f"{type(self).__name__} needs __call__(t)")
+
+    def shape(self, t: Float[Array, ""]) -> Array:
+        """What depends on time."""
+        return self(t)
+
+    def scale(self, shape: Array) -> Float[Array, "3"]:
+        """The disturbance of a shape."""
+        return shape
+
+    def nearest_jump(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """When, nearest to `t` [s], it jumps; a step of the integrator then begins there. None: never."""
+        return None
+
+
+class Reach(NamedTuple):
+    """Bounds of a signal."""
+
+    low: float
+    high: float
+    rate: float  # per s
+
+
+class Element:
+    """Something between a command and what is delivered: needs `__call__`, or `deliver` where it has state or memory."""
+
+    def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """What is delivered of the command `u`, same shape and unit."""
+        raise NotImplementedError(f"{type(self).__name__} needs __call__(u), or deliver(flow, memory, u)")
+
+    def init(self, u: Float[Array, "*n"]) -> PyTree:
+        """The state at the start."""
+        return ()
+
+    def hold(self, u: Float[Array, "*n"]) -> PyTree:
+        """The memory before the first step."""
+        return ()
+
+    def deliver(self, flow: PyTree, memory: PyTree, u: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], PyTree]:
+        """What is delivered, and the derivative of the state."""
+        return self(u), ()
+
+    def jump(self, flow: PyTree, memory: PyTree, u: Float[Array, "*n"], h: Float[Array, ""]) -> PyTree:
+        """The memory for the step that begins, `h` [s] long."""
+        return memory
+
+    def limited(self, flow: PyTree, memory: PyTree, u: Float[Array, "*n"]) -> Bool[Array, ""]:
+        """Whether it is at a limit."""
+        return jnp.zeros((), bool)
+
+    def poles(self) -> list[float]:
+        """Its poles [1/s], which a step of the integrator must suit."""
+        return []
+
+    def reach(self, given: Reach) -> Reach:
+        """Bounds of what is delivered of an input within bounds, from 0 at the start; by default it may be anything."""
+        return Reach(-np.inf, np.inf, np.inf)
+
+    def faults(self, interval: float) -> list[Fault]:
+        """What does not suit an input that changes every `interval` [s]; keys are relative to the element."""
+        return []
+
+
+class Sensor:
+    """What stands between the vehicle and what the controller is told: needs `__call__`."""
+
+    def __call__(self, memory: PyTree, measurement: Measurement) -> Measurement:
+        """What the controller is told."""
+        raise NotImplementedError(f"{type(self).__name__} needs __call__(memory, measurement)")
+
+    def hold(self, measurement: Measurement) -> PyTree:
+        """The memory before the first control instant."""
+        return ()
+
+    def jump(self, memory: PyTree, measurement: Measurement, h: Float[Array, ""]) -> PyTree:
+        """The memory after a control instant, `h` [s] after the last one."""
+        return memory

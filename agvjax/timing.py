@@ -1,0 +1,44 @@
+"""The timing of a run: step, number of steps, control instants and integrator, as one value."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .integrate import RK4, Integrator
+
+DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Timing(Mapping[str, Any]):
+    """How a run is stepped. It unpacks into the keywords of `simulate` and `evaluate`: `simulate(law, scene, **timing)`.
+
+    Raises:
+        ValueError: fewer than one step, in all or between two control instants.
+    """
+
+    dt: Any = DT  # s, may be traced
+    n_steps: int = N_STEPS
+    control_every: int = 1  # steps between control instants
+    integrator: Integrator = RK4
+
+    def __post_init__(self) -> None:
+        """No tree of JAX's, so it may check itself."""
+        if self.n_steps < 1 or self.control_every < 1:
+            raise ValueError(
+                f"n_steps and control_every must be at least 1; got {self.n_steps} and {self.control_every}"
+            )
+
+    def __getitem__(self, name: str) -> Any:
+        """The value of a keyword."""
+        return vars(self)[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """The keywords."""
+        return iter(vars(self))
+
+    def __len__(self) -> int:
+        """Their number."""
+        return len(vars(self))

@@ -1,0 +1,71 @@
+"""`agvjax pareto`: the front of error against command."""
+
+from __future__ import annotations
+
+import argparse
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import agvjax
+from agvjax.metric_table import METRICS
+
+from .. import config as configuration
+from ..io import files
+from ..io.pages import grid
+from ..tune import pareto
+from ..tune.judge import judged, validation
+from ..tune.problem import pose
+from ..tune.rules import faults
+from .console import RunFailed, say
+from .folders import new_folder
+from .prepare import configure, unasked, warn
+from .tune import steered
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
+    config = configure(arguments, faults)
+    unasked(config)
+    posed = pose(config)
+    out = new_folder(arguments)
+    warn(arguments, config, "tune", "simulate")
+    files.write(out / "config.toml", configuration.dump(config))
+    settings, names = config.pareto, posed.tuner.free.names
+    factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
+    goal = posed.tuner.objective.goals[0].metric
+    with tqdm(total=len(factors), disable=arguments.quiet, unit="point") as bar:
+
+        def done(point: pareto.Point) -> None:
+            bar.set_postfix_str(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}", refresh=False)
+            bar.update()
+
+        try:
+            points = pareto.front(steered(posed), settings.metric, factors, done)
+        except RuntimeError as error:
+            raise RunFailed(str(error)) from error
+    unseen = validation(config)
+    values = [
+        _worth(judged(config, law, unseen), (settings.metric, goal))
+        for law in (*(p.controller for p in points), config.controller)
+    ]
+    uses, errors = np.moveaxis(np.array(values), 1, 0)
+    rows = [[p.factor, p.goal, p.met, p.dominated, *uses[i], *errors[i], *p.gains] for i, p in enumerate(points)]
+    header = ["limit", "goal", "met", "dominated"]
+    header += [f"{s} {m}" for m in (settings.metric, goal) for s in ("mean", "worst")] + list(names)
+    files.write_csv(out / "pareto.csv", header, rows)
+    files.write_figure(out / "pareto.png", pareto.figure(points, uses, errors, settings.metric, goal))
+    for i, p in enumerate(points):
+        files.write(out / f"gains-{i}.toml", configuration.gains_table(p.controller))
+    say(arguments, grid(header, rows), f"front, figure and gains written to {out}")
+    if not any(p.met for p in points):
+        raise RunFailed("the limits could be met at no point of the front")
+    return 0
+
+
+def _worth(metrics: agvjax.Metrics, names: tuple[str, ...]) -> list[list[float]]:
+    """Mean and worst of metrics over the runs that did not diverge."""
+    ok = np.asarray(metrics.ok)
+    kept = jax.tree.map(lambda x: x[ok], metrics)
+    return [[float(np.mean(v)), float(np.max(v))] for v in (np.asarray(METRICS[n](kept)) for n in names)]

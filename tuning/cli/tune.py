@@ -1,0 +1,248 @@
+"""`agvjax tune`: gains for an ensemble, a report on them, and every step on disk."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import agvjax
+from agvjax import InputError
+
+from .. import config as configuration
+from ..compute import compiled as startup
+from ..compute import processes as distributed
+from ..config.settings import Config
+from ..io import files
+from ..io.pages import grid, html
+from ..tune import checkpoint, figures
+from ..tune import page as report
+from ..tune.judge import _both, judged, verdict
+from ..tune.problem import Posed, pose
+from ..tune.rounds import Outcome, Run, begin, solve
+from ..tune.rules import faults
+from .console import RunFailed, interrupts, say
+from .folders import new_folder, same_folder
+from .prepare import as_arrays, configure, overrides, trajectory_of, warn
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
+    config = configure(arguments, faults)
+    if config.tune.choices and distributed.joined():
+        rule = "absent where several processes tune together"
+        raise InputError([agvjax.Fault("tune.choices", list(config.tune.choices), rule)])
+    if config.tune.choices:
+        return _choose(arguments, config)
+    posed = pose(config)
+    with contextlib.ExitStack() as left:
+        if distributed.chief():
+            out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+        else:
+            out = Path(left.enter_context(distributed.own_folder()))
+        distributed.share(out / checkpoint.CHECKPOINT)
+        begun = _begun(posed, out)
+        warn(arguments, config, "tune", "simulate")
+        found = _tune(arguments, posed, begun, out)[1]
+    if found.over:
+        raise RunFailed(" ".join(["limits not met:", "; ".join(found.over) + ".", *found.conflict]))
+    return 0
+
+
+def _begun(posed: Posed, out: Path) -> Run:
+    """Where to begin: at the start, or at the checkpoint of an earlier run."""
+    run = begin(posed)
+    if (out / checkpoint.CHECKPOINT).exists():
+        try:
+            run = checkpoint.load(out, run)
+        except ValueError as error:
+            raise InputError(
+                [agvjax.Fault("--resume", str(out), f"a run with a whole checkpoint ({error})")]
+            ) from error
+    return run
+
+
+def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) -> tuple[Outcome, report.Verdict]:
+    """One problem, from its configuration on disk to its report."""
+    files.write(out / "config.toml", configuration.dump(posed.config))
+    try:
+        outcome = _solve(arguments, compiled(posed), begun, out)
+        say(arguments, "judging on tuning and validation scenarios ...")
+        return outcome, _conclude(arguments, outcome, out)
+    except jax.errors.JaxRuntimeError as error:
+        if not distributed.joined():
+            raise
+        again = "begin all of them again with --resume, the run goes on from its last checkpoint"
+        raise RunFailed(f"another process was lost; {again} ({error})") from error
+    except RuntimeError as error:
+        raise RunFailed(str(error)) from error
+
+
+def _choose(arguments: argparse.Namespace, config: Config) -> int:
+    """Every combination of the choices, tuned in a folder of its own to the reference of the first."""
+    keys, lists = list(config.tune.choices), list(config.tune.choices.values())
+    combinations = [dict(zip(keys, values, strict=True)) for values in itertools.product(*lists)]
+    configs = []
+    for more in combinations:
+        variant = configuration.load(arguments.config, overrides(arguments), faults, more)
+        configs.append(dataclasses.replace(variant, tune=dataclasses.replace(variant.tune, choices={})))
+    problems = [pose(variant) for variant in configs]
+    out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+    files.write(out / "config.toml", configuration.dump(config))
+    rows, best, budget = [], None, None
+    for i, (more, posed) in enumerate(zip(combinations, problems, strict=True)):
+        folder = out / f"choice-{i}"
+        folder.mkdir(exist_ok=True)
+        label = ", ".join(f"{key} = {value}" for key, value in more.items())
+        say(arguments, f"choice {i + 1} of {len(combinations)}: {label}")
+        posed = posed.to(budget)
+        try:
+            outcome, found = _tune(arguments, posed, _begun(posed, folder), folder)
+        except RunFailed as error:
+            rows.append([folder.name, f"{label}: {error}", np.inf, "no", *[""] * len(posed.tuner.free.names)])
+            continue
+        budget = outcome.posed.tuner.reference if budget is None else budget
+        rank = (bool(found.over), *outcome.progress.best)
+        rows.append(
+            [
+                folder.name,
+                label,
+                rank[2],
+                "yes" if not found.over else "no",
+                *outcome.posed.tuner.gains(outcome.progress.best_z),
+            ]
+        )
+        if best is None or rank < best[0]:
+            best = (rank, folder, found.over)
+    if best is None:
+        raise RunFailed("no choice could be tuned: " + "; ".join(str(row[1]) for row in rows))
+    names = problems[0].tuner.free.names
+    same = all(p.tuner.free.names == names for p in problems)
+    text = grid(
+        ["folder", "choice", "goal", "limits met", *(names if same else [])], [row if same else row[:4] for row in rows]
+    )
+    text = (
+        f"# Choices\n\n{text}\n\nGoals and limits are multiples of what the first starts with. Best: {best[1].name}.\n"
+    )
+    files.write(out / "choices.md", text)
+    files.write(out / "gains.toml", (best[1] / "gains.toml").read_bytes())
+    say(arguments, text, f"gains of {best[1].name} and this table written to {out}")
+    if best[2]:
+        raise RunFailed("; ".join(best[2]))
+    return 0
+
+
+def steered(posed: Posed) -> Posed:
+    """The problem with its Jacobian made ready in the background, from disk where it was made ready before."""
+    tuner = posed.tuner
+    if tuner.forward:
+        push = startup.Ahead(tuner.jacobian, *_identity(posed), tuner.scenarios)
+        tuner = dataclasses.replace(tuner, prepared=push)
+    return posed._replace(tuner=tuner)
+
+
+def _identity(posed: Posed) -> tuple[str, Any]:
+    """All that shapes what is compiled, and where the search starts."""
+    settings = configuration.dump(dataclasses.replace(posed.config, seed=0))
+    return settings, posed.tuner.free.coordinates(posed.config.controller)
+
+
+def compiled(posed: Posed) -> Posed:
+    """The problem with all that tuning will call made ready, the Jacobian first.
+
+    Not where several processes compute together: they must do the same in the same order.
+    """
+    if distributed.joined():
+        return posed
+    posed = steered(posed)
+    config, (settings, z), adversary, push = posed.config, _identity(posed), posed.adversary, posed.tuner.prepared
+    push = push if isinstance(push, startup.Ahead) else None
+    shares, scenarios = adversary.examples()
+    climb = startup.Ahead(adversary.climb, settings + "climb", z, jax.numpy.asarray(shares, z.dtype), after=push)
+    look = startup.Ahead(adversary.look, settings + "look", z, scenarios, after=push)
+    startup.meanwhile(judged, config, config.controller, _both(posed)[0])
+    return posed._replace(adversary=dataclasses.replace(adversary, climbing=climb, looking=look))
+
+
+def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> Outcome:
+    """Iterate with a bar; save now and then, at the end, and when interrupted."""
+    tuner, every = posed.tuner, posed.config.tune.checkpoint_every
+    names, latest = tuner.free.names, [run]
+    say(
+        arguments,
+        f"tuning {', '.join(names)} on {posed.config.ensemble.size} scenarios; the first start compiles for a minute",
+    )
+    checkpoint.write_log(out, names, run)
+    done = max(p.iteration for p in run.searches)
+    bar = tqdm(total=tuner.iterations, initial=done, disable=arguments.quiet, unit="it", mininterval=0.5)
+
+    def each(run: Run) -> None:
+        if lost:
+            raise KeyboardInterrupt
+        latest[0] = run
+        last = max(run.searches, key=lambda p: p.iteration)
+        row = last.history[-1]
+        notes = f"cost {row[1]:.4f} best {run.lead.best[1]:.4f} |grad| {row[5]:.2g} latched {row[4]:.0f}"
+        bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
+        bar.update()
+        checkpoint.log(out, names, run)
+        if last.iteration % every == 0:
+            checkpoint.save(out, run)
+
+    def searching() -> None:
+        if lost:
+            raise KeyboardInterrupt
+        bar.refresh()
+        say(arguments, "\nlooking for the worst scenario ...")
+
+    try:
+        with interrupts() as lost:
+            outcome = solve(posed, run, each, searching)
+            if lost:
+                raise KeyboardInterrupt
+        latest[0] = outcome.run
+        return outcome
+    finally:  # also on Ctrl-C: the folder then holds the best gains so far, and --resume goes on
+        bar.close()
+        if latest[0].lead.history:
+            checkpoint.save(out, latest[0])
+            checkpoint.write_history(out, names, latest[0])
+            if np.isfinite(latest[0].lead.best[1]):
+                files.write(out / "gains.toml", configuration.gains_table(tuner.best(latest[0].lead)))
+
+
+def _conclude(arguments: argparse.Namespace, outcome: Outcome, out: Path) -> report.Verdict:
+    """Judge, draw, and write the report."""
+    config, tuned, names = outcome.posed.config, outcome.controller, outcome.posed.tuner.free.names
+    found, unseen = verdict(outcome)
+    worst = found.after["validation"].worst_index
+    scenes = {"nominal": config.scenario, "worst": unseen[worst]}
+    titles = {"nominal": "nominal scenario", "worst": "validation scenario with the largest error of the tuned gains"}
+    for name, scene in scenes.items():
+        old, new = (trajectory_of(config, as_arrays(c), as_arrays(scene)) for c in (config.controller, tuned))
+        files.write_figure(out / f"{name}.png", figures.tracking_figure(old, new, titles[name]))
+    files.write_figure(out / "history.png", figures.history_figure(names, outcome.run))
+    files.write_figure(out / "sensitivity.png", figures.sensitivity_figure(found.findings))
+    _write_worst(outcome, out)
+    text = report.page(outcome, found)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "Tuned gains"))
+    say(arguments, text, f"gains, report and figures written to {out}; begin with {out}/report.html")
+    return found
+
+
+def _write_worst(outcome: Outcome, out: Path) -> None:
+    """`worst.json`: the worst scenario found for each metric, so that it can be looked at again."""
+    rows = [
+        {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
+        | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
+        for f in outcome.found
+    ]
+    files.write_json(out / "worst.json", {"found": rows, "rounds": [r._asdict() for r in outcome.rounds]})

@@ -1,0 +1,44 @@
+"""`agvjax vehicles`: what is left of the controller on vehicles one can meet."""
+
+from __future__ import annotations
+
+import argparse
+
+from tqdm import tqdm
+
+from agvjax import Fault, InputError
+
+from .. import config as configuration
+from ..config.load import BUILT_IN
+from ..io import files
+from ..tune.rules import faults
+from .console import RunFailed, say, ticker
+from .folders import new_folder
+from .prepare import configure, overrides
+
+PARTS = 4
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune for the built-in vehicles and judge; write tables, figures, animation and report."""
+    if arguments.config:
+        rule = f"left out: this command looks at {', '.join(BUILT_IN)}; tune any other with `agvjax tune --config`"
+        raise InputError([Fault("--config", name, rule) for name in arguments.config])
+    configure(arguments, faults)
+    configs = {name: configuration.load([name], overrides(arguments), faults) for name in BUILT_IN}
+    out = new_folder(arguments)
+    for name, config in configs.items():
+        files.write(out / f"config-{name}.toml", configuration.dump(config))
+    (out / "config.toml").unlink()
+    from ..studies.vehicles import (
+        page,  # late: what they import is not there for everyone
+        study,
+    )
+
+    with tqdm(total=PARTS, disable=arguments.quiet, unit="part") as bar:
+        try:
+            found = study.study(configs, ticker(bar))
+        except RuntimeError as error:
+            raise RunFailed(str(error)) from error
+    say(arguments, page.write(found, out), f"written to {out}; begin with {out}/report.html")
+    return 0

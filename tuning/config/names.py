@@ -1,0 +1,78 @@
+"""Names of classes in TOML: `type = "circle"` in a table, or `filter = "literal"` where there is nothing to set."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import agvjax
+
+LAWS = {
+    "neuro_backstepping": agvjax.NeuroBackstepping,
+    "backstepping": agvjax.Backstepping,
+    "full_weight": agvjax.FullWeightBackstepping,
+    "osfc": agvjax.OSFC,
+    "asmc": agvjax.ASMC,
+    "dfc": agvjax.DFC,
+    "ftsmc": agvjax.FTSMC,
+    "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
+}
+COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
+PLANTS = {
+    "decoupled": agvjax.Decoupled,
+    "unicycle": agvjax.Unicycle,
+    "differential_drive": agvjax.DifferentialDrive,
+    "kinematic_single_track": agvjax.KinematicSingleTrack,
+    "single_track": agvjax.SingleTrack,
+}
+PARTS = {
+    "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
+    "coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "drive": {"torque": agvjax.TorqueDrive, "speed": agvjax.SpeedDrive},
+    "tyre": {"linear": agvjax.LinearTyre, "saturating": agvjax.SaturatingTyre},
+    "surface": {"none": None, "patch": agvjax.FrictionPatch},
+}
+FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
+CLASSES: dict[str, dict[str, Any]] = {
+    "controller": LAWS | COMPOSED | {"sampled": agvjax.Sampled},
+    "controller.inner": LAWS,
+    "controller.filter": FILTERS,
+    "controller.inner.filter": FILTERS,
+    "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
+    "controller.vehicle": PLANTS,
+    **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
+    "scenario.plant": PLANTS,
+    **{f"scenario.plant.{name}": classes for name, classes in PARTS.items()},
+    "scenario.sensor": {"none": None, "noise": agvjax.Noise},
+    "scenario.path": {
+        "dumbbell": agvjax.Dumbbell,
+        "circle": agvjax.Circle,
+        "lemniscate": agvjax.Lemniscate,
+        "line": agvjax.Line,
+        "waypoints": agvjax.Waypoints,
+    },
+    "scenario.heading": {
+        "default": None,
+        "bearing": agvjax.Bearing,
+        "bearing_raw": agvjax.RawBearing,
+        "bearing_swapped": agvjax.SwappedBearing,
+        "tangent": agvjax.Tangent,
+    },
+    "scenario.disturbance": {
+        "cosine": agvjax.Cosine,
+        "none": agvjax.NoDisturbance,
+        "step": agvjax.Step,
+        "cosine_sum": agvjax.CosineSum,
+        "harmonic": agvjax.Harmonic,
+        "band_limited_noise": agvjax.BandLimitedNoise,
+        "recorded": agvjax.Recorded,
+    },
+}
+ELEMENTS = {
+    "deadzone": agvjax.Deadzone,
+    "saturation": agvjax.Saturation,
+    "quantisation": agvjax.Quantisation,
+    "lag": agvjax.Lag,
+    "backlash": agvjax.Backlash,
+    "rate_limit": agvjax.RateLimit,
+    "delay": agvjax.Delay,
+}

@@ -1,0 +1,127 @@
+"""CSV files with a header: waypoints and recorded disturbances; and the objects that tables of TOML make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+import agvjax
+
+from ..io.csv_file import read
+
+
+class Recipe(NamedTuple):
+    """How an object that its fields do not make is made from a table, and the table that makes it again.
+
+    `make` raises `agvjax.InputError` with keys of the table.
+    """
+
+    keys: tuple[str, ...]
+    make: Callable[[Mapping[str, Any]], Any]
+    table: Callable[[Any], dict[str, Any]]
+
+
+def _waypoints(table: Mapping[str, Any]) -> agvjax.Waypoints:
+    """From `file` or `points`, `closed`, and `speed` where the points bring none."""
+    closed = table.get("closed", False)
+    if not isinstance(closed, bool):
+        _wrong("closed", closed, "true or false")
+    source = _source(table, "points")
+    if source == "file":
+        columns = _file(table["file"], ("x", "y"), ("speed",))
+        points, speed = np.column_stack([columns["x"], columns["y"]]), columns.get("speed")
+    else:
+        rows = _array(table, "points", "a list of [x, y] in m, or of [x, y, speed]")
+        if rows.ndim != 2 or rows.shape[1] not in (2, 3):
+            _wrong("points", f"shape {rows.shape}", "a list of [x, y] in m, or of [x, y, speed]")
+        points, speed = rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else None
+    if "speed" in table and speed is not None:
+        _wrong("speed", table["speed"], f"absent where the {source} has speeds")
+    if "speed" in table:
+        speed = _array(table, "speed", "a number > 0 in m/s, or one for each point")
+    try:
+        return agvjax.Waypoints.through(points, speed, closed)
+    except ValueError as error:
+        key = "speed" if "speed" in table and str(error).startswith("speed must") else source
+        _wrong(key, _short(table[key]), f"what a path can be made of ({error})")
+
+
+def _recorded(table: Mapping[str, Any]) -> agvjax.Recorded:
+    """From `file`, or `times` and `values`; and `amplitude`, a factor."""
+    if _source(table, "times") == "file":
+        if "values" in table:
+            _wrong("values", _short(table["values"]), "absent where there is a file")
+        columns = _file(table["file"], ("t",), CHANNELS)
+        if len(columns) == 1:
+            _wrong("file", table["file"], f"a file with at least one of the columns {', '.join(CHANNELS)}")
+        times = columns["t"]
+        values = np.column_stack([columns.get(name, np.zeros_like(times)) for name in CHANNELS])
+    else:
+        times = _array(table, "times", "a list of numbers in s")
+        values = _array(table, "values", "a list of [x, y, heading], one for each time")
+        if times.ndim != 1 or times.size < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+            _wrong("times", _short(table["times"]), "at least two numbers in s, each above the one before")
+        if values.shape != (times.size, 3) or not np.all(np.isfinite(values)):
+            _wrong(
+                "values", _short(table["values"]), f"a list of {times.size} finite [x, y, heading], one for each time"
+            )
+    factor: Any = _array({"amplitude": 1.0} | dict(table), "amplitude", "a number or one for each of three channels")
+    return agvjax.Recorded(times=times, values=values, amplitude=factor if factor.ndim else float(factor))
+
+
+CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
+RECIPES: dict[Any, Recipe] = {
+    agvjax.Waypoints: Recipe(
+        ("file", "points", "speed", "closed"),
+        _waypoints,
+        lambda path: {"points": np.asarray(path.points).tolist(), "closed": path.closed},
+    ),
+    agvjax.Recorded: Recipe(
+        ("file", "times", "values", "amplitude"),
+        _recorded,
+        lambda push: {name: np.asarray(value).tolist() for name, value in vars(push).items()},
+    ),
+}
+
+
+def _source(table: Mapping[str, Any], inline: str) -> str:
+    """Which of the two ways the numbers are given."""
+    given = [name for name in ("file", inline) if name in table]
+    if not given:
+        _wrong("file", "", f"the name of a CSV file, where there are no {inline}")
+    if len(given) > 1:
+        _wrong(inline, _short(table[inline]), "absent where there is a file")
+    return given[0]
+
+
+def _file(name: Any, columns: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
+    if not isinstance(name, str):
+        _wrong("file", name, "the name of a file")
+    try:
+        return read(name, columns, optional)
+    except ValueError as error:
+        also = f" and perhaps {', '.join(optional)}"
+        _wrong("file", name, f"a CSV file with the columns {', '.join(columns)}{also} ({error})")
+
+
+def _array(table: Mapping[str, Any], name: str, rule: str) -> np.ndarray:
+    """Numbers of a table."""
+    given = table.get(name)
+    try:
+        array = np.asarray(given)
+        if array.size and array.dtype.kind in "if":
+            return array.astype(float)
+    except ValueError:  # unequal lists
+        pass
+    _wrong(name, _short(given), rule)
+
+
+def _short(given: Any) -> Any:
+    text = repr(given)
+    return given if len(text) < 80 else f"{text[:60]} ... ({len(text)} characters)"
+
+
+def _wrong(key: str, value: Any, rule: str) -> NoReturn:
+    raise agvjax.InputError([agvjax.Fault(key, value, rule)])

@@ -1,0 +1,104 @@
+"""What can only be said of a configuration as a whole: names that name nothing, steps that do not fit, empty wishes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+import agvjax
+
+from ..ensemble.draws import correlated
+from .complete import complete
+from .settings import Config
+
+MOST_STEPS = 1e8
+Rules = Callable[[Config], list[agvjax.Fault]]  # what is wrong with a configuration, of a room
+
+
+def faults(config: Config) -> list[agvjax.Fault]:
+    """What is wrong with law, scenario and step, whatever is done with them."""
+    found = agvjax.faults(config)
+    if config.precision not in (32, 64):
+        found.append(agvjax.Fault("precision", config.precision, "32 or 64"))
+    if isinstance(config.scenario.heading, agvjax.Bearing) and not hasattr(config.scenario.path, "bearing"):
+        rule = "tangent or a raw bearing: this path has no smooth bearing"
+        found.append(agvjax.Fault("scenario.heading", "bearing", rule, "reading R8"))
+    found += _computer(config) + _correlation(config)
+    return found or timing_faults(config, "simulate")
+
+
+def check(config: Config, rules: Rules = faults) -> Config:
+    """A configuration, completed and found usable by the `rules` of a room.
+
+    Raises:
+        agvjax.InputError: lists every bad key, its value and the rule.
+    """
+    config = complete(config)
+    if found := rules(config):
+        raise agvjax.InputError(found)
+    return config
+
+
+def unique(found: Iterable[agvjax.Fault]) -> list[agvjax.Fault]:
+    """Each once."""
+    return list({str(fault): fault for fault in found}.values())
+
+
+def _correlation(config: Config) -> list[agvjax.Fault]:
+    """Correlations of what is no single number, or that are none."""
+    correlation, draws = config.ensemble.correlation, config.ensemble.draws or {}
+    if correlation is None:
+        return []
+    several = [n for n in correlation.leaves if np.ndim(agvjax.leaves(config.scenario).get(n, 0.0))]
+    try:
+        if several:
+            raise ValueError(f"{', '.join(several)} must each be a single number")
+        correlated(draws, correlation)
+    except ValueError as error:
+        rule = f"correlations of leaves in [ensemble.draws] ({error})"
+        return [agvjax.Fault("ensemble.correlation", f"{len(correlation.leaves)} leaves", rule)]
+    return []
+
+
+def _computer(config: Config) -> list[agvjax.Fault]:
+    """A law on a computer of its own that takes the vehicle for another kind."""
+    law, plant, found = config.controller, config.scenario.plant, []
+    if not hasattr(law, "vehicle"):
+        return found
+    if law.vehicle.actuators != plant.actuators:
+        rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
+        found.append(agvjax.Fault("controller.vehicle", type(law.vehicle).__name__, rule))
+    limits = getattr(law.anti_windup, "limits", None)
+    if limits is not None and np.size(limits) != len(law.vehicle.actuators):
+        rule = f"one for each of {', '.join(law.vehicle.actuators)}"
+        found.append(agvjax.Fault("controller.anti_windup.limits", np.asarray(limits).tolist(), rule))
+    if config.simulate.control_every != 1:
+        rule = "1: a sampled law has a period of its own"
+        found.append(agvjax.Fault("simulate.control_every", config.simulate.control_every, rule))
+    return found
+
+
+def timing_faults(config: Config, label: str) -> list[agvjax.Fault]:
+    """A step of "simulate", "tune" or "sweep" that does not suit the law, the actuators, the horizon or the control."""
+    section, horizon = getattr(config, label), config.simulate.horizon
+    dt, method = section.dt, agvjax.INTEGRATORS[section.integrator]
+    found = agvjax.step_faults(config.controller, dt, horizon, method, config.scenario)
+    if found:
+        keys = {"horizon": "simulate.horizon", "dt": f"{label}.dt"}
+        return [p._replace(key=keys.get(p.key, f"scenario.{p.key}")) for p in found]
+    count = horizon / dt
+    if count > MOST_STEPS:
+        return [
+            agvjax.Fault(f"{label}.dt", dt, f"at least {horizon / MOST_STEPS:.3g} s: at most {MOST_STEPS:.0g} steps")
+        ]
+    if abs(count - round(count)) > 1e-6 * count:
+        return [agvjax.Fault(f"{label}.dt", dt, f"a whole fraction of the horizon, {horizon:g} s")]
+    interval = config.simulate.control_every * config.simulate.dt
+    if config.simulate.control_every > 1 and abs(interval / dt - max(round(interval / dt), 1)) > 1e-6 * interval / dt:
+        rule = f"a whole fraction of the control interval, simulate.control_every * simulate.dt = {interval:g} s"
+        return [agvjax.Fault(f"{label}.dt", dt, rule)]
+    if label == "simulate" and round(count) % config.simulate.save_every:
+        rule = f"a divisor of the number of steps, {round(count)}"
+        return [agvjax.Fault("simulate.save_every", config.simulate.save_every, rule)]
+    return []

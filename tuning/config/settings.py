@@ -1,0 +1,222 @@
+"""Everything that can be set, with its default and its rule."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
+from agvjax.metric_table import METRICS
+from agvjax.timing import DT, N_STEPS
+
+from ..ensemble.draws import Between, Correlation, Draw, Span, Times
+from ..io.csv_file import Column
+
+VERSION = 1  # of the file format
+OPEN: Any = None  # what the law and the plant say; `complete` fills it in
+
+
+def _whole(low: int, high: float, most: str) -> Rule:
+    return Rule(f"a whole number from {low} to {most}", lambda x: (x >= low) & (x <= high) & (x == np.round(x)))
+
+
+COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
+STARTS, ROUNDS, DRIVES = _whole(1, 1000, "1000"), _whole(0, 100, "100"), _whole(0, 4096, "4096")
+SWEPT = _whole(1, 1e9, "10^9")
+MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
+RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
+WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
+FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
+EXPORTS = ("netcdf", "parquet")
+SWEPT_METRICS = ("rmse", "effort", "peak_position", "peak_heading", "chatter", "settling_time")
+DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
+CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
+CHOICES |= {"sweep.integrator": tuple(agvjax.INTEGRATORS), "sweep.design": DESIGNS}
+CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "pareto.metric": tuple(METRICS)}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """How `agvjax simulate` steps, and how validation does."""
+
+    dt: float = number(DT, "s", POSITIVE, "reading R10")
+    horizon: float = number(DT * N_STEPS, "s", POSITIVE, "reading R10")
+    integrator: str = "rk4"
+    save_every: int = number(1, "steps", COUNT)
+    control_every: int = number(1, "steps", COUNT)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ensemble:
+    """The scenarios to tune on and to validate on."""
+
+    size: int = number(64, "1", MANY)
+    validation_size: int = number(256, "1", MANY)
+    fresh: bool = False  # tune on scenarios drawn anew every iteration; judge, and rank, on a fixed set all the same
+    draws: dict[str, Draw] = OPEN  # of the deadzones and the disturbance, see `default_draws`
+    correlation: Correlation | None = None  # of some of them
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Weights:
+    """How much the statistics of a metric, each relative to the starting gains', weigh in the goal."""
+
+    mean: float = number(0.0, "1", WEIGHT)
+    worst: float = number(0.0, "1", WEIGHT)
+    cvar: float = number(0.0, "1", WEIGHT)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Limit:
+    """What the statistics of a metric must not exceed, in multiples of the starting gains' or absolute."""
+
+    mean: float = np.inf
+    worst: float = np.inf
+    cvar: float = np.inf
+    absolute: bool = False
+
+
+def default_goals() -> dict[str, Weights]:
+    """The default problem's."""
+    return {"rmse": Weights(mean=1.0, worst=0.3)}
+
+
+def default_limits() -> dict[str, Limit]:
+    """The default problem's: no more command than the starting gains ask for, on average and at worst."""
+    return dict.fromkeys(("effort", "peak_position", "peak_heading"), Limit(mean=1.0, worst=1.0))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Search:
+    """The search for the worst scenario, after tuning and between the rounds of it."""
+
+    rounds: int = number(0, "1", ROUNDS)  # of tuning again with what was found; 0: search once and say what was found
+    starts: int = number(7, "per metric", STARTS)
+    iterations: int = number(8, "1", MANY)
+    scouts: int = number(256, "samples to start from", MANY)
+    checks: int = number(10_000, "samples besides", SOME)
+    tolerance: float = number(5e-3, "1", NONNEGATIVE)  # a scenario this much worse than any tuned on is worth a round
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tune:
+    """The tuning problem and how to solve it; its step is coarser than that of the validation."""
+
+    gains: tuple[str, ...] = OPEN  # those that the law itself names
+    tied: dict[str, str] = dataclasses.field(default_factory=dict)
+    bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    choices: dict[str, list[Any]] = dataclasses.field(default_factory=dict)
+    goals: dict[str, Weights] = dataclasses.field(default_factory=default_goals)
+    limits: dict[str, Limit] = OPEN  # those of `default_limits` that the plant has
+    tail: float = number(0.1, "share of the ensemble", FRACTION)
+    stability_margin: float = number(1.0, "times what the stability conditions ask", POSITIVE)
+    sample_rate: float = number(0.0, "Hz, 0 for 1 / dt", RATE)
+    penalty: float = number(3.0, "1", NONNEGATIVE)
+    dt: float = number(5e-3, "s", POSITIVE)
+    integrator: str = "rk4"
+    gradient: str = "auto"
+    optimizer: str = "sqp"
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)
+    learning_rate: float = number(0.1, "1", POSITIVE)
+    iterations: int = number(300, "1", COUNT)
+    patience: int = number(100, "iterations", COUNT)
+    clip: float = number(1.0, "norm of the gradient", POSITIVE)
+    starts: int = number(1, "1", STARTS)
+    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains of further starts about the configured
+    checkpoint_every: int = number(10, "iterations", COUNT)
+    search: Search = Search()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pareto:
+    """The front of the goal against one limit, in multiples of the starting gains'."""
+
+    metric: str = "effort"
+    low: float = number(0.8, "times", POSITIVE)
+    high: float = number(1.5, "times", POSITIVE)
+    points: int = number(8, "1", STARTS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bound:
+    """Beyond what a run has failed: in multiples of the nominal run with the configured gains, or absolute."""
+
+    value: float = number(1.5, "times, or the metric's unit", POSITIVE)
+    absolute: bool = False
+
+
+def default_over(actuator: str = "position") -> tuple[dict[str, Span], ...]:
+    """How far may an actuator's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
+    slopes = {f"deadzone.{actuator}.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
+    return slopes, {"disturbance.amplitude": Span(Between(0.0, 2.0), 41)}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """The scenarios to look at, in what detail, and what counts as a failure."""
+
+    over: tuple[dict[str, Span], ...] = OPEN  # crossed; a table's leaves move as one; see `default_over`
+    ensemble: bool = False  # draw the other leaves of the tuning ensemble too
+    design: str = "random"  # of what is sampled
+    samples: int = number(1024, "at every node of the grid", SWEPT)
+    controllers: tuple[str, ...] = ()  # beside the configured one: files of gains, or names of laws
+    metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
+    fails: dict[str, Bound] = dataclasses.field(default_factory=lambda: {"rmse": Bound()})
+    radius: bool = True  # look for the largest box around nominal in which nothing fails
+    shard: int = number(8192, "scenarios", MANY)
+    dt: float = number(1e-2, "s", POSITIVE)
+    integrator: str = "rk4"
+    export: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Identify:
+    """How a log is read and fitted, and what a drive that is suggested may do."""
+
+    fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
+    columns: dict[str, Column] = dataclasses.field(default_factory=dict)  # of the log, where they have other names
+    segment: float = number(2.0, "s, of a stretch that begins in a state of its own", POSITIVE)
+    memory: float = number(0.5, "s, for which actuators remember commands", POSITIVE)
+    gap: float = number(5.0, "usual steps between rows", FACTOR)
+    outlier: float = number(6.0, "standard deviations", FACTOR)
+    starts: int = number(4, "1", STARTS)
+    bootstrap: int = number(1000, "resampled logs", MANY)
+    horizon: float = number(5.0, "s, for which another log is predicted", POSITIVE)
+    drives: int = number(32, "candidates, 0 for no suggestion", DRIVES)
+    speed: float = number(0.6, "m/s, of a suggested drive at most", POSITIVE)
+    yaw_rate: float = number(1.2, "rad/s, of a suggested drive at most", POSITIVE)
+    extent: float = number(5.0, "m, of the room that a suggested drive takes", POSITIVE)
+    duration: float = number(60.0, "s, of a suggested drive", POSITIVE)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Config:
+    """Everything a command needs to know."""
+
+    version: int = VERSION
+    seed: int = number(0, "1", WHOLE)
+    precision: int = 64
+    controller: Any = agvjax.NeuroBackstepping()
+    scenario: Any = dataclasses.field(default_factory=agvjax.Scenario)
+    simulate: Simulate = Simulate()
+    ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
+    tune: Tune = dataclasses.field(default_factory=Tune)
+    pareto: Pareto = Pareto()
+    sweep: Sweep = Sweep()
+    identify: Identify = dataclasses.field(default_factory=Identify)
+
+    def timing(self, command: str = "simulate") -> agvjax.Timing:
+        """How the runs of a command are stepped: "simulate", "tune" or "sweep".
+
+        Control instants are `simulate.control_every` steps of `simulate.dt` apart, whatever the step of the command; 1
+        means every step.
+        """
+        section, every = getattr(self, command), self.simulate.control_every
+        if every > 1:
+            every = max(1, round(every * self.simulate.dt / section.dt))
+        method = agvjax.INTEGRATORS[section.integrator]
+        steps = round(self.simulate.horizon / section.dt)
+        return agvjax.Timing(dt=section.dt, n_steps=steps, control_every=every, integrator=method)

@@ -1,0 +1,1 @@
+"""The scenarios to tune for: distributions, samples, and the worst of a box."""

@@ -1,0 +1,235 @@
+"""The worst scenario of a box, by gradient ascent from several starts; samples say where to start and what to beat."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float
+
+import agvjax
+from agvjax.leaves import get
+
+from ..compute.processes import gathered
+from .draws import Correlated, Draw, OneOf, box, sample
+
+TENTH = 10  # of the samples may begin an ascent
+SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
+CHUNK = 128  # scenarios looked at together, so that one compilation serves any number
+FIRST, LEAST, MOST = 0.25, 1e-3, 0.5  # steps of the ascent, as shares of the box
+
+
+class Found(NamedTuple):
+    """The worst scenario of one metric that was found."""
+
+    metric: str
+    value: float  # infinite: the run diverges
+    scenario: dict[str, np.ndarray]  # its leaves that vary
+    searches: int
+    samples: int
+    rollouts: int  # of single scenarios; a gradient counts 1 + its tangents
+
+
+class Box(NamedTuple):
+    """The leaves that are drawn, as one vector of shares of their ranges; flat, in the order of their names."""
+
+    names: tuple[str, ...]
+    shapes: tuple[tuple[int, ...], ...]
+    low: np.ndarray  # (D,)
+    high: np.ndarray  # (D,)
+    mix: np.ndarray  # (D, D), how the sides make the leaves; the identity but for leaves that are drawn together
+    moves: np.ndarray  # (D,), False where only some values are allowed
+
+    @classmethod
+    def of(cls, scenario: Any, draws: Mapping[str, Draw]) -> Box:
+        """The box of an ensemble's draws."""
+        names = tuple(sorted(draws))
+        nominal = [np.asarray(get(scenario, name), float) for name in names]
+        ends = [box(draws[name], value) for name, value in zip(names, nominal, strict=True)]
+        low, high = (np.concatenate([np.ravel(end[side]) for end in ends]) for side in (0, 1))
+        moves = [np.full(x.size, not isinstance(draws[n], OneOf)) for n, x in zip(names, nominal, strict=True)]
+        return cls(
+            names, tuple(x.shape for x in nominal), low, high, _mix(names, nominal, draws), np.concatenate(moves)
+        )
+
+    def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Any]:
+        """Leaves of B scenarios."""
+        low, high = (jnp.asarray(x, shares.dtype)[None] for x in (self.low, self.high))
+        plain = np.array_equal(self.mix, np.eye(len(self.mix)))
+        mixed = shares if plain else 0.5 + (shares - 0.5) @ jnp.asarray(self.mix.T, shares.dtype)
+        flat = low + mixed * (high - low)
+        flat = flat if plain else jnp.clip(flat, low, high)  # the factors' box is longer than the leaves' at corners
+        cuts = np.cumsum([int(np.prod(shape)) for shape in self.shapes])[:-1]
+        parts = jnp.split(flat, cuts, axis=1)
+        return {n: x.reshape(-1, *shape) for n, x, shape in zip(self.names, parts, self.shapes, strict=True)}
+
+    def shares(self, leaves: Mapping[str, Any]) -> np.ndarray:
+        """Where scenarios lie in the box, (B, D)."""
+        size = len(next(iter(leaves.values())))
+        flat = np.concatenate([np.asarray(leaves[name], float).reshape(size, -1) for name in self.names], axis=1)
+        width = self.high - self.low
+        places = np.where(width > 0, (flat - self.low) / np.where(width > 0, width, 1.0), 0.5)
+        return 0.5 + np.linalg.solve(self.mix, (places - 0.5).T).T
+
+
+def _mix(names: Sequence[str], nominal: Sequence[np.ndarray], draws: Mapping[str, Draw]) -> np.ndarray:
+    """The rows of the Cholesky factor of leaves that are drawn together, numbers all; unit rows of the others."""
+    first = dict(zip(names, np.cumsum([0, *(x.size for x in nominal)]), strict=False))
+    mix = np.eye(sum(x.size for x in nominal))
+    for name in names:
+        draw = draws[name]
+        if isinstance(draw, Correlated):
+            mix[first[name], [first[leaf] for leaf in draw.leaves]] = draw.row
+    return mix
+
+
+@dataclasses.dataclass(frozen=True)
+class Adversary:
+    """Looks for the scenario that some gains handle worst, one search per metric and start."""
+
+    rollout: Callable[[Any, Any], tuple[Any, Any]]  # (z, leaves of B scenarios) -> metrics (M, B), ok (B,)
+    names: tuple[str, ...]  # of the M metrics
+    scenario: Any  # the nominal one
+    draws: Mapping[str, Draw]
+    metrics: tuple[str, ...]
+    seed: int = 0
+    scouts: int = 256  # samples among whose worst the ascents start
+    starts: int = 7  # ascents for each metric
+    iterations: int = 8
+    checks: int = 10_000  # samples that the final statement rests on besides
+    climbing: Callable[[Any, Any], Any] | None = None  # `climb` and `look` of this very problem, compiled before
+    looking: Callable[[Any, Any], Any] | None = None
+
+    @functools.cached_property
+    def box(self) -> Box:
+        """Where to look."""
+        return Box.of(self.scenario, self.draws)
+
+    def values(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any]:
+        """Metrics of scenarios (M, B), and which runs did not diverge."""
+        return self.rollout(z, self.box.leaves(shares))
+
+    def climb(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any, Any]:
+        """Values, ok and slopes (D, M, B) along every side of the box."""
+
+        def along(side: Any) -> Any:
+            change = jnp.broadcast_to(side, shares.shape)
+            return jax.jvp(lambda s: self.values(z, s), (shares,), (change,))
+
+        (values, ok), (slopes, _) = jax.vmap(along, out_axes=((None, None), (0, None)))(
+            jnp.eye(self.box.low.size, dtype=shares.dtype)
+        )
+        return values, ok, jnp.where(ok, slopes, 0.0)
+
+    def look(self, z: Any, leaves: Any) -> Any:
+        """Values (M, B), those of diverged runs infinite."""
+        values, ok = self.rollout(z, leaves)
+        return jnp.where(ok, values, jnp.inf)
+
+    @functools.cached_property
+    def compiled(self) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+        """`climb` and `look`, jitted."""
+        return self.climbing or gathered(jax.jit(self.climb)), self.looking or gathered(jax.jit(self.look))
+
+    def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Arguments of the right shapes, after z, for `climb` and for `look`."""
+        return np.zeros((len(self.metrics) * self.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
+
+    def _values(self, z: Any, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
+        """`look` at any number of scenarios, a chunk at a time."""
+        count, look = len(next(iter(leaves.values()))), self.compiled[1]
+        rows = [np.minimum(np.arange(i, i + CHUNK), count - 1) for i in range(0, count, CHUNK)]  # the last repeats one
+        return np.concatenate([np.asarray(look(z, {n: x[r] for n, x in leaves.items()})) for r in rows], 1)[:, :count]
+
+    def search(self, z: Any, round_: int = 0) -> list[Found]:
+        """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
+        rows = [self.names.index(metric) for metric in self.metrics]
+        scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
+        seen = self._values(z, scouts)[rows]  # (W, scouts)
+        places = self.box.shares(scouts)
+        first = np.concatenate([_apart(places, value, self.starts) for value in seen])
+        u = places[first]
+        row = np.repeat(rows, self.starts)
+        u, best = self._ascend(z, jnp.asarray(u, jnp.result_type(float)), row)
+        leaves = self.box.leaves(jnp.asarray(u))
+        checks = self._sampled(CHECKS + 2 * round_, self.checks) if self.checks else None
+        checked = self._values(z, checks)[rows] if checks else None
+        found = []
+        for w, metric in enumerate(self.metrics):
+            own = slice(w * self.starts, (w + 1) * self.starts)
+            i = own.start + int(np.argmax(best[own]))
+            value, scenario = float(best[i]), {n: np.asarray(x)[i] for n, x in leaves.items()}
+            for some, many in ((seen, scouts), (checked, checks)):
+                if some is not None and many is not None and some[w].max() > value:
+                    value, j = float(some[w].max()), int(np.argmax(some[w]))
+                    scenario = {n: np.asarray(x)[j] for n, x in many.items()}
+            ascent = self.checks + self.starts * self.iterations * (1 + self.box.low.size)
+            found.append(Found(metric, value, scenario, self.starts, self.scouts + self.checks, self.scouts + ascent))
+        return found
+
+    def _sampled(self, part: int, size: int) -> dict[str, Any]:
+        drawn = sample(self.scenario, self.draws, size, self.seed, part)
+        return {name: np.asarray(value) for name, value in drawn.values.items()}
+
+    def _ascend(self, z: Any, u: Any, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shares (B, D) and value (B,) of the worst on the way of every ascent.
+
+        Each side has a step of its own that grows while its slope keeps its sign (Rprop): corners and folds alike are
+        reached in a dozen steps, whatever the metric's scale.
+        """
+        method = optax.rprop(FIRST, min_step_size=LEAST, max_step_size=MOST)
+        lanes = np.arange(len(row))
+
+        def step(u: Any, state: Any, slope: Any) -> tuple[Any, Any]:
+            with jax.numpy_dtype_promotion("standard"):
+                change, state = method.update(-slope, state)
+                return jnp.clip(u + change, 0.0, 1.0), state
+
+        move, climb = jax.jit(step), self.compiled[0]
+        state, best, at = method.init(u), np.full(len(row), -np.inf), np.asarray(u)
+        for _ in range(self.iterations):
+            values, ok, slopes = climb(z, u)
+            value = np.where(np.asarray(ok), np.asarray(values)[row, lanes], np.inf)
+            higher = value > best
+            best, at = np.where(higher, value, best), np.where(higher[:, None], np.asarray(u), at)
+            slope = np.asarray(slopes)[:, row, lanes].T * self.box.moves
+            u, state = move(u, state, jnp.asarray(slope))
+        return at, best
+
+
+def _apart(places: np.ndarray, values: np.ndarray, count: int) -> list[int]:
+    """Where to start: the worst of the samples (S, D), then those of the worst tenth that lie furthest apart."""
+    order = np.argsort(-values)[: max(count, len(values) // TENTH)]
+    chosen = [int(order[0])]
+    while len(chosen) < count:
+        gaps = np.linalg.norm(places[order][:, None] - places[chosen][None], axis=2).min(axis=1)
+        chosen.append(int(order[np.argmax(gaps)]))
+    return chosen
+
+
+def statement(found: Sequence[Found]) -> list[str]:
+    """What may be said in the end."""
+    return [
+        f"No scenario in this box was found with {f.metric} above {f.value:.5g}, by {f.searches} searches and"
+        f" {f.samples} samples."
+        if np.isfinite(f.value)
+        else f"A scenario in this box was found that diverges ({f.metric})."
+        for f in found
+    ]
+
+
+def batch_of(batch: agvjax.Batch, added: Mapping[str, Any], slots: int) -> agvjax.Batch:
+    """The ensemble with scenarios added, and up to `slots` places filled with copies of its first."""
+    count = len(next(iter(added.values()))) if added else 0
+    values = {}
+    for name, value in batch.values.items():
+        own = np.asarray(value)
+        extra = np.asarray(added[name], own.dtype) if count else own[:0]
+        values[name] = np.concatenate([own, extra, np.repeat(own[:1], slots - count, axis=0)])
+    return agvjax.batch(batch.scenario, values)

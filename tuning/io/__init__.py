@@ -1,0 +1,1 @@
+"""Files: atomic writers, CSV, pages."""

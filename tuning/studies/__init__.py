@@ -1,0 +1,1 @@
+"""What was studied with the tools: the paper, its rivals, vehicles."""

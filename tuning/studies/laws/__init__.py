@@ -1,0 +1,1 @@
+"""Which law is better at the same command budget?"""

@@ -1,0 +1,170 @@
+"""What the comparison of laws found: table, figure, page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import agvjax
+from agvjax.leaves import get
+from agvjax.metric_table import METRICS
+
+from ...config.complete import tunable
+from ...io import files
+from ...io.pages import grid, html
+from ..paper.cases import LABELS
+from ..paper.figures import caption
+from ..paper.page import image
+from .study import BUDGET, Comparison, Tuned
+
+
+def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, Any]]:
+    """One row a law, best first: error on unseen scenarios and the share of the budget that it uses there."""
+    made = []
+    for name, tuned in found.items():
+        row: dict[str, Any] = {"law": name, "tuned": bool(tuned.excess == 0), "jacobians": tuned.looks}
+        row |= {"refused": tuned.refused, "starts_left_out": tuned.left_out}
+        for label, metrics in (("before", tuned.metrics_before), ("after", tuned.metrics)):
+            ok = np.asarray(metrics.ok)
+            rmse = np.asarray(METRICS["rmse"](metrics))[ok]
+            row |= {f"mean_{label}": rmse.mean(), f"worst_{label}": rmse.max(), f"diverged_{label}": int((~ok).sum())}
+        objective = comparison.objective
+        use = np.asarray(objective.levels(*objective.values(tuned.metrics), comparison.budget))[len(objective.goals) :]
+        use = use.reshape(2, len(BUDGET))  # mean, worst
+        row |= {"use_mean": use[0].max(), "use_worst": use[1].max()}
+        row |= {"most_used": BUDGET[int(np.argmax(use[0]))]}
+        row |= {
+            f"rmse_{c}": v
+            for c, v in zip("xyp", np.asarray(tuned.metrics.rmse)[np.asarray(tuned.metrics.ok)].mean(0), strict=True)
+        }
+        made.append({k: float(v) if isinstance(v, np.floating) else v for k, v in row.items()})
+    return sorted(made, key=lambda row: row["mean_after"])
+
+
+def markdown(made: list[dict[str, Any]]) -> str:
+    """The comparison as a table."""
+    base = next(row for row in made if row["law"] == "proposed")
+    lines = [
+        "| law | mean RMSE | of proposed | worst | of proposed | x | y | psi | before tuning | budget used, mean |"
+        " worst | Jacobians | refused | starts left out |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in made:
+        cells = [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)"), f"{row['mean_after']:.4f}"]
+        cells += [f"**{row['mean_after'] / base['mean_after']:.3f}**", f"{row['worst_after']:.4f}"]
+        cells += [f"**{row['worst_after'] / base['worst_after']:.3f}**"]
+        cells += [f"{row[f'rmse_{c}']:.4f}" for c in "xyp"]
+        cells += [f"{row['mean_before']:.4f}", f"{row['use_mean']:.2f} ({row['most_used']})", f"{row['use_worst']:.2f}"]
+        lines.append(
+            "| " + " | ".join([*cells, *(str(row[k]) for k in ("jacobians", "refused", "starts_left_out"))]) + " |"
+        )
+    return "\n".join(lines)
+
+
+def statements(made: list[dict[str, Any]]) -> list[str]:
+    """What follows from the rows, in words; nothing is said that is not computed."""
+    base = next(row for row in made if row["law"] == "proposed")
+    better = [LABELS[r["law"]] for r in made if r["mean_after"] < 0.99 * base["mean_after"]]
+    worse = [LABELS[r["law"]] for r in made if r["mean_after"] > 1.01 * base["mean_after"]]
+    alike = [LABELS[r["law"]] for r in made if LABELS[r["law"]] not in (*better, *worse, "Proposed")]
+    said = []
+    for names, words in (
+        (better, "these track better"),
+        (worse, "these track worse"),
+        (alike, "these track alike, within 1 %,"),
+    ):
+        if names:
+            said.append(
+                f"Beside the proposed law at the same command budget, {words} in mean RMSE: {', '.join(names)}."
+            )
+    diverged = [f"{LABELS[r['law']]} {r['diverged_after']}" for r in made if r["diverged_after"]]
+    said.append(f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}.")
+    return said
+
+
+def figure(found: Mapping[str, Tuned], made: list[dict[str, Any]]) -> Figure:
+    """Every law's error on the unseen scenarios, before and after tuning: middle, quartiles and extremes."""
+    drawn = Figure(figsize=(8.5, 4.2), layout="constrained")
+    axes = drawn.add_subplot()
+    for side, (label, color, hatch) in enumerate((("own gains", "0.8", ""), ("tuned", "#6c8ebf", "//"))):
+        values = []
+        for row in made:
+            metrics = found[row["law"]].metrics if side else found[row["law"]].metrics_before
+            values.append(np.asarray(METRICS["rmse"](metrics))[np.asarray(metrics.ok)])
+        places = np.arange(len(made)) + (0.2 if side else -0.2)
+        style = {"facecolor": color, "hatch": hatch}
+        boxes = axes.boxplot(values, positions=places, widths=0.35, whis=(0, 100), patch_artist=True, boxprops=style)
+        boxes["boxes"][0].set_label(label)
+        for line in boxes["medians"]:
+            line.set_color("k")
+    axes.set_xticks(np.arange(len(made)), [LABELS[row["law"]] for row in made], rotation=20, ha="right", fontsize=8)
+    axes.set(yscale="log", ylabel="RMSE of a scenario [m, m, rad]")
+    axes.grid(alpha=0.3, axis="y", which="both")
+    axes.legend(fontsize=8)
+    return drawn
+
+
+def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
+    """Table, figure, gains and pages into a folder; returns the table."""
+    made = rows(comparison, found)
+    table = markdown(made)
+    drawn = caption("comparison", figure(found, made), "agvjax compare")
+    files.write_figure(out / "comparison.png", drawn)
+    files.write_csv(out / "comparison.csv", made[0], [list(row.values()) for row in made])
+    budget = {name: comparison.of(name) for name in BUDGET}
+    gains = {
+        n: {k: float(v) for k, v in agvjax.leaves(t.controller).items() if np.ndim(v) == 0} for n, t in found.items()
+    }
+    files.write_json(out / "comparison.json", {"rows": made, "budget_mean_worst": budget, "gains": gains})
+    text = _page(comparison, found, table, made)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "Which law is better?"))
+    return "\n".join([table, "", *statements(made)])
+
+
+def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[dict[str, Any]]) -> str:
+    sizes = comparison.config.ensemble
+    limits = grid(
+        ["command", "mean", "worst"],
+        [[name, *comparison.of(name)] for name in BUDGET],
+    )
+    gains = grid(
+        ["law", "gain", "own", "tuned"],
+        [
+            [LABELS[name], gain, float(get(tuned.start, gain)), float(get(tuned.controller, gain))]
+            for name, tuned in found.items()
+            for gain in tunable(tuned.controller)
+        ],
+    )
+    said = "\n".join(f"* {line}" for line in statements(made))
+    return f"""# Which law is better at the same command budget?
+
+Every law was tuned by the same tuner (sequential quadratic programming on the exact Jacobian) on the same {sizes.size}
+scenarios, to the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
+mean and worst, no more than the proposed law needs there with its printed gains. The table is on
+{sizes.validation_size} scenarios that no law has seen. Event-triggered: tuned through its continuous law, judged held.
+
+{said}
+
+{table}
+
+"Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios. "Refused" are Jacobians
+whose slopes are the sensitivity of a chattering run; "left out" are starts that the tuning step or the stability
+conditions forbid.
+
+{image("comparison")}
+
+## The budget
+
+{limits}
+
+## The gains
+
+{gains}
+
+Made by `agvjax compare`, seed {comparison.config.seed}.
+"""

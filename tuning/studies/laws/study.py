@@ -1,0 +1,152 @@
+"""Which law is better? Every law tuned by the same tuner, on the same scenarios, to the same command budget."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import agvjax
+
+from ...config.complete import tunable
+from ...config.settings import Config
+from ...ensemble.draws import sample
+from ...tune.gains import Free, default_bounds, stability_bounds
+from ...tune.objective import within
+from ...tune.problem import requirements
+from ...tune.tuner import SEQUENTIAL, Tuner
+from ..paper.cases import WORKERS, matched
+
+BUDGET = tuple(f"{kind}_{channel}" for kind in ("effort", "peak", "chatter") for channel in ("x", "y", "heading"))
+STARTS = (10.0, 20.0)  # 1/s, bandwidths to start from besides the law's own gains
+
+
+class Tuned(NamedTuple):
+    """One law: its gains before and after, and what each is worth on unseen scenarios."""
+
+    start: Any
+    controller: Any
+    cost: float  # on the tuning scenarios
+    excess: float  # of the budget there, as a ratio; 0 if it is kept
+    looks: int  # Jacobians taken, over all starts
+    refused: int  # of them, those of no use
+    left_out: int  # starts outside the bounds of the tuning step or the stability conditions
+    metrics: agvjax.Metrics  # of the tuned law on the validation scenarios
+    metrics_before: agvjax.Metrics
+
+
+def laws(proposed: Any) -> dict[str, Any]:
+    """The laws that are tuned, with their own gains, those that take longest first."""
+    return {
+        "fractional": agvjax.FractionalBackstepping(inner=proposed),
+        "proposed": proposed,
+        "osfc": agvjax.OSFC(),
+        "asmc": agvjax.ASMC(),
+        "dfc": agvjax.DFC(),
+        "ftsmc": agvjax.FTSMC(),
+        "super_twisting": agvjax.SuperTwistingFTSMC(),
+    }
+
+
+def starts(name: str, law: Any) -> list[Any]:
+    """Where the tuner starts from: the law's own gains, and those of some bandwidths where that is defined."""
+    try:
+        return [law, *(matched(name, p, law) for p in STARTS)]
+    except KeyError:
+        return [law]
+
+
+class Comparison:
+    """The tuning and validation scenarios and the budget: what the proposed law needs with the configured gains."""
+
+    def __init__(self, config: Config):
+        draws, sizes = config.ensemble.draws, config.ensemble
+        self.config = config
+        self.seen = sample(config.scenario, draws, sizes.size, config.seed)
+        self.unseen = sample(config.scenario, draws, sizes.validation_size, config.seed + 1)
+        limits = within(dict.fromkeys(BUDGET, 1.0))
+        self.objective = requirements(config.tune)._replace(limits=limits, penalty=10.0)
+
+    @functools.cached_property
+    def budget(self) -> np.ndarray:
+        """(3, M): statistics of the goals and of each command metric, of the configured law on the tuning set."""
+        law = agvjax.check(self.config.controller)
+        values, ok = self.objective.values(
+            agvjax.evaluate(law, self.seen, criteria=self.objective.criteria, **self.config.timing("tune"))
+        )
+        return self.objective.reference(values, ok)
+
+    def of(self, metric: str) -> list[float]:
+        """Mean and worst that the budget allows of a command metric."""
+        return self.budget[:2, self.objective.names.index(metric)].tolist()
+
+    def judge(self, law: Any) -> agvjax.Metrics:
+        """Metrics on the validation scenarios."""
+        found = agvjax.evaluate(
+            agvjax.check(law), self.unseen, criteria=self.objective.criteria, **self.config.timing()
+        )
+        return jax.tree.map(np.asarray, found)
+
+    def tune(self, name: str, law: Any) -> Tuned:
+        """The best of all starts: the budget kept first, then the cost."""
+        names, timing = tunable(law), self.config.timing("tune")
+        conditions = stability_bounds(law, self.config.scenario, self.config.ensemble.draws)
+        limits = default_bounds(law, names, conditions, timing.dt, timing.integrator)
+        free = Free(names, np.array([limits[n][0] for n in names]), np.array([limits[n][1] for n in names]))
+        tuner = Tuner(
+            controller=agvjax.check(law),
+            batch=self.seen,
+            free=free,
+            objective=self.objective,
+            budget=self.budget,
+            optimizer=SEQUENTIAL,
+            iterations=60,
+            timing=timing,
+        )
+        best, looks, refused, left_out = None, 0, 0, 0
+        for start in starts(name, law):
+            if free.faults(start):
+                left_out += 1
+                continue
+            progress = tuner.begin(free.coordinates(start))
+            while not tuner.finished(progress):
+                progress = tuner.advance(progress)
+            looks, refused = looks + progress.iteration, refused + progress.backed_out
+            best = progress if best is None or progress.best < best.best else best
+        if best is None:
+            raise ValueError(f"no start of {name} lies inside its bounds")
+        found = tuner.best(best)
+        before, after = self.judge(law), self.judge(found)
+        return Tuned(law, found, best.best[1], best.best[0], looks, refused, left_out, after, before)
+
+
+def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
+    """Tune and judge every law, two at a time; `done(name)` is called as each is ready."""
+    comparison = Comparison(config)
+    _ = comparison.budget
+
+    def one(item: tuple[str, Any]) -> tuple[str, Tuned]:
+        found = comparison.tune(*item)
+        done(item[0])
+        return item[0], found
+
+    with ThreadPoolExecutor(WORKERS) as pool:
+        found = dict(pool.map(one, laws(config.controller).items()))
+    proposed = found["proposed"]
+    held = agvjax.EventTriggered(inner=proposed.controller)  # tuned through its continuous law, judged held
+    before = comparison.judge(agvjax.EventTriggered(inner=config.controller))
+    found["event"] = proposed._replace(
+        start=agvjax.EventTriggered(inner=config.controller),
+        controller=held,
+        metrics=comparison.judge(held),
+        metrics_before=before,
+        looks=0,
+        refused=0,
+        left_out=0,
+    )
+    done("event")
+    return comparison, found

@@ -1,0 +1,297 @@
+"""Figures 3 to 16 with the paper's content, and those that the paper does not have; readable in print and in grey."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+import agvjax
+from agvjax.draw import plot
+
+from . import cases
+from . import proof as theory
+from .cases import LABELS
+
+REFERENCE = {"color": "0.6", "lw": 2.4, "ls": "-", "zorder": 1}
+STYLES = (  # told apart by dashes alone, and from dark to light
+    {"color": "#0b2559", "lw": 1.5, "ls": "-"},
+    {"color": "#c03a2b", "lw": 1.3, "ls": (0, (5, 2))},
+    {"color": "#2b8a6e", "lw": 1.3, "ls": (0, (1, 1.2))},
+    {"color": "#d98d00", "lw": 1.3, "ls": (0, (6, 2, 1, 2))},
+    {"color": "#8a5bb0", "lw": 1.3, "ls": (0, (3, 1, 1, 1, 1, 1))},
+)
+ACTUATED, UNPREPARED = ("proposed", "osfc", "asmc"), ("dfc", "ftsmc")  # whom Figs. 3-7 and 12-16 show
+CAPTIONS = {
+    "fig03": "Fig. 3. Time-varying positions of the AGV",
+    "fig04": "Fig. 4. Heading of the AGV (the paper: steering angle)",
+    "fig05": "Fig. 5. Path following tracking errors of the AGV",
+    "fig06": "Fig. 6. Heading tracking errors of the AGV",
+    "fig07": "Fig. 7. Path tracking graph of the AGV",
+    "fig08": "Fig. 8. Control inputs of the AGV position, before the deadzone, proposed law",
+    "fig09": "Fig. 9. Control input of the AGV orientation angle, before the deadzone, proposed law",
+    "fig10": "Fig. 10. Adapted squared weight norm, position",
+    "fig11": "Fig. 11. Adapted squared weight norm, heading",
+    "fig12": "Fig. 12. Time-varying positions of the AGV under DFC and FTSMC",
+    "fig13": "Fig. 13. Heading of the AGV under DFC and FTSMC",
+    "fig14": "Fig. 14. Path following tracking errors under DFC and FTSMC",
+    "fig15": "Fig. 15. Heading tracking errors under DFC and FTSMC",
+    "fig16": "Fig. 16. Path tracking graph under DFC and FTSMC",
+    "b1": "Where the network starts to matter: RMSE and largest network gain against b1 = b2",
+    "bandwidth": "RMSE against closed-loop bandwidth, every law at matched gains",
+    "readings": "All readings of R1, R5, R8, R9, each against the default",
+    "lyapunov": "Lyapunov functions (34), (58) against their printed bounds (49), (71), and errors against bounds",
+    "vacuity": "Ultimate bound over observed error on sampled scenarios; beyond 10 a bound is vacuous",
+    "event": "Event-triggered law: commands held, and the intervals between updates",
+    "fractional": "Order of the integral: RMSE of the fractional law against the paper's",
+    "comparison": "Every law tuned by the same tuner to the same command budget, on unseen scenarios",
+}
+CHANNEL_AXES = ("x [m]", "y [m]", r"$\psi$ [rad]")
+Trajectories = Mapping[str, Any]
+
+
+def caption(name: str, figure: Figure, command: str) -> Figure:
+    """The figure with its caption and the command that makes it."""
+    figure.supxlabel(f"{CAPTIONS[name]}. Made by: {command}", fontsize=7, color="0.25", x=0.01, ha="left")
+    return figure
+
+
+def paper(runs: Trajectories) -> dict[str, Figure]:
+    """Figures 3 to 16 by name; `runs` are trajectories by controller."""
+    made = {}
+    for first, who in ((3, ACTUATED), (12, UNPREPARED)):
+        shown = {LABELS[name]: runs[name] for name in who}
+        made[f"fig{first:02}"] = in_time(shown, _positions, CHANNEL_AXES[:2], _reference_positions)
+        made[f"fig{first + 1:02}"] = in_time(shown, _headings, CHANNEL_AXES[2:], _reference_headings)
+        made[f"fig{first + 2:02}"] = in_time(shown, lambda r: _errors(r)[:, :2], plot.ERRORS[:2], _nothing(2))
+        made[f"fig{first + 3:02}"] = in_time(shown, lambda r: _errors(r)[:, 2:], plot.ERRORS[2:], _nothing(1))
+        made[f"fig{first + 4:02}"] = in_plane(shown)
+    proposed = {LABELS["proposed"]: runs["proposed"]}
+    made["fig08"] = in_time(proposed, lambda r: np.asarray(r.command)[:, :2], plot.COMMANDS[:2], transient=0.3)
+    made["fig09"] = in_time(proposed, lambda r: np.asarray(r.command)[:, 2:], plot.COMMANDS[2:], transient=0.3)
+    norms = (r"$\hat\varphi$ [-]", r"$\hat\varphi_\psi$ [-]")
+    made["fig10"] = in_time(proposed, lambda r: np.asarray(r.weight_norm)[:, :1], norms[:1])
+    made["fig11"] = in_time(proposed, lambda r: np.asarray(r.weight_norm)[:, 1:], norms[1:])
+    return made
+
+
+def _positions(run: Any) -> np.ndarray:
+    return np.asarray(run.position)
+
+
+def _headings(run: Any) -> np.ndarray:
+    return np.asarray(run.heading)[:, None]
+
+
+def _reference_positions(run: Any) -> np.ndarray:
+    return np.asarray(run.reference_position)
+
+
+def _reference_headings(run: Any) -> np.ndarray:
+    return np.asarray(run.reference_heading)[:, None]
+
+
+def _errors(run: Any) -> np.ndarray:
+    return np.asarray(agvjax.tracking_error(run))
+
+
+def _nothing(columns: int) -> Any:
+    return lambda run: np.zeros((np.size(run.t), columns))
+
+
+def in_time(
+    shown: Trajectories, values: Any, labels: Sequence[str], reference: Any = None, transient: float | None = None
+) -> Figure:
+    """One row of axes for each label against time; with `transient`, the first so many seconds beside the whole."""
+    columns = 1 if transient is None else 2
+    figure = Figure(figsize=(7, 1.1 + 1.9 * len(labels)), layout="constrained")
+    grid = figure.subplots(len(labels), columns, squeeze=False, sharex="col")
+    for row, label in enumerate(labels):
+        for column in range(columns):
+            axes = grid[row][column]
+            for (name, run), style in zip(shown.items(), STYLES, strict=False):
+                t, y = np.asarray(run.t), values(run)[:, row]
+                keep = t <= (transient if column == 1 and transient else np.inf)
+                if columns == 2 and column == 0:
+                    rest = y[t > (transient or 0.0)]
+                    room = 0.1 * np.ptp(rest) + 1e-9
+                    axes.set_ylim(rest.min() - room, rest.max() + room)
+                axes.plot(t[keep], y[keep], label=name, **style)
+            if reference is not None:
+                run = next(iter(shown.values()))
+                axes.plot(np.asarray(run.t), reference(run)[:, row], label="desired", **REFERENCE)
+            axes.grid(alpha=0.3)
+        grid[row][0].set(ylabel=label)
+    for axes in grid[-1]:
+        axes.set(xlabel="time [s]")
+    if columns == 2:
+        grid[0][0].set_title("whole lap, without the transient's peak", fontsize=8)
+        grid[0][1].set_title(f"first {transient} s", fontsize=8)
+    if len(shown) > 1 or reference is not None:
+        lines, names = grid[0][0].get_legend_handles_labels()
+        figure.legend(lines, names, fontsize=8, ncols=4, loc="outside upper right")
+    return figure
+
+
+def in_plane(shown: Trajectories) -> Figure:
+    """The path and the vehicles in the plane."""
+    figure = Figure(figsize=(6, 5.6), layout="constrained")
+    axes = figure.add_subplot()
+    first = next(iter(shown.values()))
+    axes.plot(*_reference_positions(first).T, label="desired", **REFERENCE)
+    for (name, run), style in zip(shown.items(), STYLES, strict=False):
+        axes.plot(*_positions(run).T, label=name, **style)
+    axes.plot(*_positions(first)[0], "ko", ms=4, label="start")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def b1(rows: Sequence[Mapping[str, Any]], k2: float) -> Figure:
+    """`rows` of facts.network: RMSE by channel, and the largest network gain, against b1."""
+    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
+    error, gain = figure.subplots(1, 2)
+    for known, style, word in ((False, STYLES[0], "belief 1"), (True, STYLES[1], "known slopes")):
+        chosen = [row for row in rows if row["known_slopes"] == known and row["b1"] is not None]
+        x = [row["b1"] for row in chosen]
+        gain.loglog(x, [row["gain_position"] for row in chosen], marker="o", ms=3, label=word, **style)
+        for channel, mark in zip(("x", "y", "psi"), "osv", strict=True):
+            if not known:
+                axis_style = STYLES["xyp".index(channel[0])]
+                error.semilogx(
+                    x, [r[f"rmse_{channel}"] for r in chosen], marker=mark, ms=3, label=channel, **axis_style
+                )
+    gain.axhline(k2, color="k", lw=0.8, ls=":")
+    gain.text(gain.get_xlim()[0] * 1.1, k2 * 1.15, "k2", fontsize=8)
+    error.set(xlabel="b1 = b2", ylabel="RMSE [m, m, rad]")
+    gain.set(xlabel="b1 = b2", ylabel="largest network gain, position [1/s]")
+    for axes in (error, gain):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=8)
+    return figure
+
+
+def bandwidth(judged: Mapping[str, Any]) -> Figure:
+    """RMSE over the lap and after 4 s by channel, all five laws."""
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    grid = figure.subplots(2, 3, sharex=True)
+    for style, law in zip(STYLES, ("proposed", "osfc", "asmc", "dfc", "ftsmc"), strict=True):
+        runs = [judged[f"{law} p={p:g}"][1]["0.05"] for p in cases.BANDWIDTHS]
+        for row, (metric, word) in enumerate((("rmse", "RMSE"), ("rmse_late", "RMSE after 4 s"))):
+            for i, unit in enumerate(CHANNEL_AXES):
+                y = [float(getattr(m, metric)[i]) for m in runs]
+                grid[row][i].loglog(cases.BANDWIDTHS, y, label=LABELS[law], **style)
+                grid[row][i].set_ylabel(f"{word}, {unit}", fontsize=8)
+                grid[row][i].grid(alpha=0.3, which="both")
+    for axes in grid[-1]:
+        axes.set_xticks((5, 10, 20, 40), ("5", "10", "20", "40"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set(xlabel="bandwidth p [1/s]")
+    grid[0][0].legend(fontsize=7)
+    return figure
+
+
+def readings(runs: Trajectories) -> Figure:
+    """Errors of every reading beside the default's, one row each."""
+    names = [name for name in runs if name != "default"]
+    figure = Figure(figsize=(9, 1.25 * len(names) + 0.8), layout="constrained")
+    grid = figure.subplots(len(names), 3, sharex=True, squeeze=False)
+    base = _errors(runs["default"])
+    for row, name in enumerate(names):
+        errors, t = _errors(runs[name]), np.asarray(runs[name].t)
+        for i in range(3):
+            axes = grid[row][i]
+            axes.plot(t, base[:, i], label="default", **REFERENCE)
+            axes.plot(t, errors[:, i], label="this reading", **STYLES[0])
+            late = np.concatenate([errors[t > 0.5, i], base[t > 0.5, i]])
+            room = 0.15 * np.ptp(late) + 1e-9
+            axes.set_ylim(late.min() - room, late.max() + room)
+            axes.grid(alpha=0.3)
+            axes.tick_params(labelsize=7)
+        grid[row][0].set_ylabel(name.replace(" ", "\n", 1), fontsize=7)
+    for axes, title in zip(grid[0], plot.ERRORS, strict=True):
+        axes.set_title(f"{title}, scaled to t > 0.5 s", fontsize=8)
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s]", fontsize=8)
+    grid[0][0].legend(fontsize=7)
+    return figure
+
+
+def event(held: Any, continuous: Any) -> Figure:
+    """Held and continuous commands in the first 0.4 s, and when each channel was updated."""
+    figure = Figure(figsize=(9, 5.2), layout="constrained")
+    grid = figure.subplots(2, 3)
+    t, u, free = np.asarray(held.t), np.asarray(held.command), np.asarray(continuous.command)
+    for i, label in enumerate(plot.COMMANDS):
+        first = t <= 0.4
+        grid[0][i].plot(t[first], free[first, i], label="continuous", **REFERENCE)
+        grid[0][i].plot(t[first], u[first, i], drawstyle="steps-post", label="held", **{**STYLES[0], "lw": 1.0})
+        grid[0][i].set(ylabel=label, xlabel="time [s]")
+        moments = t[1:][np.diff(u[:, i]) != 0]
+        grid[1][i].semilogy(moments[1:], np.diff(moments), ".", ms=3, color="#0b2559")
+        grid[1][i].set(xlabel="time [s]", ylabel="interval [s]", title=f"{moments.size} updates")
+        grid[1][i].title.set_fontsize(8)
+        for axes in grid[:, i]:
+            axes.grid(alpha=0.3)
+    grid[0][0].legend(fontsize=8)
+    return figure
+
+
+def fractional(judged: Mapping[str, Any]) -> Figure:
+    """RMSE over the lap and after 4 s against the order, relative to order 1."""
+    figure = Figure(figsize=(7.5, 3.4), layout="constrained")
+    runs = [judged[f"lam={lam:g}"][1]["0.05"] for lam in cases.ORDERS]
+    for axes, metric, word in zip(
+        figure.subplots(1, 2), ("rmse", "rmse_late"), ("RMSE", "RMSE after 4 s"), strict=True
+    ):
+        for i, (channel, style) in enumerate(zip(("x", "y", r"$\psi$"), STYLES, strict=False)):
+            y = np.array([float(getattr(m, metric)[i]) for m in runs])
+            axes.plot(cases.ORDERS, y / y[-1], marker="o", ms=3, label=channel, **style)
+        axes.set(xlabel=r"order $\lambda$ of the integral", ylabel=f"{word} / that of $\\lambda$ = 1")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def lyapunov(trajectory: Any, found: Mapping[str, Any]) -> Figure:
+    """L2 and L4 with their printed bounds, and the errors with the printed and the corrected ultimate bounds."""
+    constants, functions, report = found["constants"], found["functions"], found["report"]
+    t = np.asarray(trajectory.t)
+    errors = _errors(trajectory)
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    grid = figure.subplots(2, 2, sharex=True)
+    pairs = (("L2", constants.a1, constants.a2), ("L4", constants.a5, constants.a6))
+    sizes = (np.linalg.norm(errors[:, :2], axis=1), np.abs(errors[:, 2]))
+    words = ("|Z1| [m]", "|Z3| [rad]")
+    for i, (name, rate, drive) in enumerate(pairs):
+        value = np.asarray(getattr(functions, name))
+        bound = np.asarray(theory.exponential_bound(t, value[0], float(rate), float(drive)))
+        grid[0][i].semilogy(t, value, label=f"{name} along the run", **STYLES[0])
+        grid[0][i].semilogy(t, bound, label=f"printed bound, {'(49)' if i == 0 else '(71)'}", **STYLES[1])
+        grid[0][i].set(ylabel=name)
+        grid[1][i].semilogy(t, np.maximum(sizes[i], 1e-6), label="observed", **{**STYLES[0], "lw": 0.9})
+        grid[1][i].axhline(report.printed[i], label=f"printed, {'(50)' if i == 0 else '(72)'}", **STYLES[1])
+        grid[1][i].axhline(report.corrected[i], label="corrected", **STYLES[2])
+        grid[1][i].set(ylabel=words[i], xlabel="time [s]")
+    for axes in grid.ravel():
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def vacuity(reports: Sequence[Any]) -> Figure:
+    """Histograms of bound over observed error, printed and corrected."""
+    figure = Figure(figsize=(8.5, 3.4), layout="constrained")
+    for i, (axes, word) in enumerate(zip(figure.subplots(1, 2), ("position, |Z1|", "heading, |Z3|"), strict=True)):
+        printed, corrected = ([getattr(r, n)[i] / r.observed[i] for r in reports] for n in ("printed", "corrected"))
+        edges = np.geomspace(1, 2 * max(*printed, *corrected), 40)
+        axes.hist(np.clip(corrected, 1, None), edges, label="corrected", color="#2b8a6e", hatch="//", edgecolor="w")
+        axes.hist(printed, edges, label="printed", color="#0b2559")
+        axes.axvline(10, color="k", lw=1, ls=":", label="vacuous beyond")
+        axes.set(xscale="log", xlabel=f"bound / observed, {word}", ylabel="scenarios")
+        axes.legend(fontsize=8)
+    return figure

@@ -1,0 +1,1 @@
+"""The tuning problem and its solution: `pose`, `solve`, `judge`."""

@@ -1,0 +1,125 @@
+"""What the tuned gains teach: which requirement hangs on which gain, which limits bind, what the data cannot tell."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .methods import sqp
+from .objective import Requirement
+from .tuner import TOLERANCE, Tuner
+
+NEAR = 2e-3  # a limit this close to its bound is active
+ALIKE = 0.99  # cosine beyond which two gains do the same to every metric of every scenario
+
+
+class Standing(NamedTuple):
+    """Where one requirement stands at the tuned gains."""
+
+    requirement: Requirement
+    value: float  # in the metric's unit
+    level: float  # of a goal relative to the start, of a limit relative to its bound
+    slopes: np.ndarray  # (K,), relative change of the value per relative change of a gain
+    price: float  # of a limit: by how much the goal falls if it is relaxed by 1 %, in multiples of itself
+
+    @property
+    def limit(self) -> bool:
+        """Whether it is a limit."""
+        return not np.isnan(self.price)
+
+    @property
+    def active(self) -> bool:
+        """Whether it is a limit that binds."""
+        return self.limit and abs(self.level - 1) < NEAR
+
+    @property
+    def met(self) -> bool:
+        """Whether it is met."""
+        return not self.limit or self.level <= 1 + TOLERANCE
+
+
+class Identifiability(NamedTuple):
+    """How well the metrics of the ensemble tell the gains apart."""
+
+    strength: np.ndarray  # (K,), singular values of the relative slopes, largest first, per scenario and metric
+    weakest: np.ndarray  # (K,), the combination of relative changes that is felt least; of length 1
+    alike: list[tuple[int, int, float]]  # pairs of gains with nearly the same effect, and its cosine
+
+
+class Findings(NamedTuple):
+    """All of it."""
+
+    names: tuple[str, ...]
+    standings: list[Standing]
+    identifiability: Identifiability
+
+
+def analyse(tuner: Tuner, z: Any) -> Findings:
+    """What one look at the Jacobian at z says."""
+    model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios))
+    scale = tuner.free.scales(z)
+    return Findings(tuner.free.names, standings(tuner, model, scale), identifiability(tuner, model, scale))
+
+
+def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
+    """Of every requirement: its level, its slope in every gain, and of a limit its price."""
+    objective, reference = tuner.objective, tuner.reference
+    levels, relative = relative_slopes(tuner, model, scale)
+    solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
+    goal = float(np.dot([g.value for g in objective.goals], levels[: len(objective.goals)]))
+    limits = levels[len(objective.goals) :]  # one that is not met has no price: the goal does not pay for it
+    paid = np.where(limits <= 1 + NEAR, 0.01 * solution.prices / goal, 0.0)
+    prices = [np.nan] * len(objective.goals) + paid.tolist()
+    units = objective.units(reference)
+    return [
+        Standing(r, float(level * unit), float(level), slope, price)
+        for r, level, unit, slope, price in zip(objective.requirements, levels, units, relative, prices, strict=True)
+    ]
+
+
+def relative_slopes(tuner: Tuner, model: tuple[Any, ...], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Levels of the requirements (R,) and their relative change per relative change of each gain (R, K).
+
+    A level of zero has no relative change: there it is the absolute one.
+    """
+    values, ok, slopes = model
+    level = jax.jit(lambda v: (tuner.objective.levels(v, jnp.asarray(ok), tuner.reference),) * 2)
+    weights, levels = (np.asarray(x) for x in jax.jit(jax.jacrev(level, has_aux=True))(jnp.asarray(values)))
+    return levels, np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.where(levels == 0, 1.0, levels)[:, None]
+
+
+def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> Identifiability:
+    """From the slopes of every metric that matters in every scenario, each relative to its own reference."""
+    _, ok, slopes = model
+    real = ok & (tuner.objective.shares(ok.size) > 0)
+    table = slopes[:, :, real] / tuner.objective.scale(tuner.reference)[None, :, None] * scale[:, None, None]
+    matrix = table.reshape(len(scale), -1).T
+    _, found, rows = np.linalg.svd(matrix / np.sqrt(len(matrix)))
+    strength = np.pad(found, (0, len(scale) - len(found)))
+    length = np.linalg.norm(matrix, axis=0)
+    cosine = matrix.T @ matrix / np.maximum(np.outer(length, length), 1e-300)
+    pairs = [(i, j, float(cosine[i, j])) for i in range(len(scale)) for j in range(i) if abs(cosine[i, j]) > ALIKE]
+    return Identifiability(strength, rows[-1] * np.sign(rows[-1][np.argmax(np.abs(rows[-1]))]), pairs)
+
+
+def conflict(tuner: Tuner, z: Any) -> list[tuple[Requirement, float, float]]:
+    """Limits that cannot all be kept: each with its level and its share in what holds the excess up.
+
+    Where no change of the gains lowers the sum of excesses, the slopes of these limits cancel: what lowers one raises
+    another. Elsewhere there is nothing to show and the list is empty.
+    """
+    model = tuner.push(z, tuner.scenarios)
+    objective = tuner.objective._replace(goals=tuple(g._replace(value=0.0) for g in tuner.objective.goals), penalty=1.0)
+    levels = np.asarray(tuner.weigh(*model)[0].levels)[len(objective.goals) :]
+    solution = sqp.solve(model, objective, tuner.reference, radius=0.01)
+    if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
+        return []  # it could still be lowered: no conflict is shown
+    prices = solution.prices
+    return [
+        (r, float(level), float(price))
+        for r, level, price in zip(objective.limits, levels, prices, strict=True)
+        if price > 1e-6 or level > 1 + TOLERANCE
+    ]

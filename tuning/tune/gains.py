@@ -1,0 +1,119 @@
+"""Gains as unconstrained coordinates: whatever the optimiser does, every gain stays inside its bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import agvjax
+from agvjax.leaves import get, rule_of
+
+from ..ensemble.draws import Draw, lowest
+
+
+class Free(NamedTuple):
+    """The tuned gains and their open intervals; a gain with one bound moves in the logarithm of its distance to it.
+
+    A gain that is `tied` follows a tuned one at a fixed ratio: name -> (which, ratio).
+    """
+
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    tied: Mapping[str, tuple[str, float]] = {}
+
+    def coordinates(self, controller: Any) -> Float[Array, " K"]:
+        """Where a controller stands. Its gains must lie strictly inside the bounds; see `faults`."""
+        x = np.array([float(get(controller, name)) for name in self.names])
+        low, high = np.isfinite(self.lower), np.isfinite(self.upper)
+        above = np.log(np.where(low, x - self.lower, 1.0))
+        below = np.log(np.where(high, self.upper - x, 1.0))
+        return jnp.asarray(np.where(low | high, above - below, x))
+
+    def controller(self, z: Float[Array, " K"], like: Any) -> Any:
+        """The controller at z; what is not tuned is taken from `like`."""
+        gains = dict(zip(self.names, self._gains(z), strict=True))
+        gains |= {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
+        return agvjax.replace(like, gains)
+
+    def _gains(self, z: Float[Array, " K"]) -> Float[Array, " K"]:
+        low, high = np.isfinite(self.lower), np.isfinite(self.upper)
+        lower, upper = (
+            jnp.asarray(np.where(fine, x, 0.0), z.dtype) for fine, x in ((low, self.lower), (high, self.upper))
+        )
+        cases = [low & high, low & ~high, ~low & high]
+        edge = -0.9 * float(np.log(np.finfo(z.dtype).eps))  # beyond, a gain would lie on its bound
+        inside = lower + (upper - lower) * jax.nn.sigmoid(jnp.clip(z, -edge, edge))
+        above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
+        return jnp.select([jnp.asarray(c) for c in cases], [inside, lower + above, upper - below], z)
+
+    def scales(self, z: Float[Array, " K"]) -> np.ndarray:
+        """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
+        x, slope = jax.jvp(self._gains, (z,), (jnp.ones_like(z),))
+        moves = np.asarray(slope) != 0
+        return np.where(moves, np.asarray(x) / np.where(moves, slope, 1.0), 0.0)
+
+    def faults(self, controller: Any) -> list[agvjax.Fault]:
+        """Gains that do not lie strictly inside their bounds."""
+        found = []
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            value = float(get(controller, name))
+            if not low < value < high:
+                rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
+                source = "its bounds and those of what is tied to it; the stability conditions (48), (52), (70) for the"
+                source += " smallest slope drawn; what a step of tune.dt, or of 1 / tune.sample_rate, integrates"
+                found.append(agvjax.Fault(f"controller.{name}", value, rule, source))
+        return found
+
+
+def smallest_slopes(scenario: Any, draws: Mapping[str, Draw]) -> tuple[float, float]:
+    """Pi_min of position and heading: the smallest slopes that occur in the ensemble."""
+    sides = ("slope_right", "slope_left")
+    position, heading = (
+        min(lowest(scenario, draws, f"deadzone.{channel}.{side}") for side in sides)
+        for channel in ("position", "heading")
+    )
+    return position, heading
+
+
+def stability_bounds(controller: Any, scenario: Any, draws: Mapping[str, Draw]) -> dict[str, float]:
+    """What the law's own stability conditions ask of its gains; empty for a law or a plant without any."""
+    if not hasattr(controller, "stability_bounds") or set(scenario.deadzone) != {"position", "heading"}:
+        return {}
+    return controller.stability_bounds(*smallest_slopes(scenario, draws))
+
+
+def default_bounds(
+    controller: Any, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
+) -> dict[str, tuple[float, float]]:
+    """What each gain's own rule allows, the stability conditions, and what a step of `dt` can integrate of the law."""
+    upper = {}
+    if hasattr(controller, "upper_bounds"):
+        upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
+    bounds = {}
+    for name in names:
+        allowed = rule_of(controller, name)
+        unknown = (
+            (0.0, np.inf) if float(get(controller, name)) > 0 else (-np.inf, np.inf)
+        )  # no rule: a gain keeps its sign
+        low, high = unknown if allowed is None else (allowed.low, allowed.high)
+        bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
+    return bounds
+
+
+def tie(
+    controller: Any, tied: Mapping[str, str], bounds: dict[str, tuple[float, float]], allowed: Mapping[str, Any]
+) -> dict[str, tuple[str, float]]:
+    """Ratios of the tied gains to those they follow, whose `bounds` are narrowed to what the tied ones allow."""
+    found = {}
+    for name, which in tied.items():
+        ratio = float(get(controller, name)) / float(get(controller, which))
+        (low, high), (inner_low, inner_high) = bounds[which], allowed[name]
+        bounds[which] = (max(low, inner_low / ratio), min(high, inner_high / ratio))
+        found[name] = (which, ratio)
+    return found

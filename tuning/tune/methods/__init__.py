@@ -1,0 +1,1 @@
+"""The methods that step from gains to better gains, one a file."""

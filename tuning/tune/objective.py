@@ -1,0 +1,155 @@
+"""What to minimise and what not to exceed, over an ensemble: requirements, and what a set of gains is worth by them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+import agvjax
+from agvjax.metric_table import (
+    METRICS,
+    criteria,
+)
+
+STATISTICS = ("mean", "worst", "cvar")
+
+
+class Requirement(NamedTuple):
+    """One statistic of one metric: to be minimised with `value` as its weight, or to stay below `value`."""
+
+    metric: str
+    statistic: str  # one of STATISTICS
+    value: float
+    absolute: bool = False  # of a limit: in the metric's own unit and not in multiples of the reference
+
+    @property
+    def name(self) -> str:
+        """As tables and messages call it."""
+        return f"{self.statistic} {self.metric}"
+
+
+def within(limits: Mapping[str, float], absolute: bool = False) -> tuple[Requirement, ...]:
+    """Limits on both the mean and the worst of the named metrics."""
+    return tuple(Requirement(name, s, value, absolute) for s in ("mean", "worst") for name, value in limits.items())
+
+
+class Score(NamedTuple):
+    """What one set of gains is worth on an ensemble."""
+
+    cost: Float[Array, ""]  # goal + penalty
+    goal: Float[Array, ""]
+    excess: Float[Array, ""]  # largest share by which a limit is exceeded; 0 or less: all are met
+    latched: Float[Array, ""]  # runs of the ensemble that diverged, without those that were added
+    levels: Float[Array, " R"]  # of the requirements, see `Objective.levels`
+
+
+class Objective(NamedTuple):
+    """Minimise the goals, each times its weight, and keep the limits, over an ensemble.
+
+    Goals are ratios to a `reference`: the same statistic of the same metric with the starting gains, or of another law.
+    Limits are multiples of that reference, or absolute. A run that diverged counts `latched` times the `scale` of each
+    metric and sends no gradient.
+    """
+
+    goals: tuple[Requirement, ...] = (Requirement("rmse", "mean", 1.0), Requirement("rmse", "worst", 0.3))
+    limits: tuple[Requirement, ...] = within({"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0})
+    penalty: float = 3.0
+    latched: float = 10.0
+    tail: float = 0.1  # share of the ensemble, the worst, whose mean is the "cvar"
+    weights: Any = None  # (B,), the scenarios' shares in "mean" and "cvar"; None: equal
+
+    @property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Goals, then limits."""
+        return self.goals + self.limits
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The metrics that matter."""
+        return tuple(dict.fromkeys(r.metric for r in self.requirements))
+
+    @property
+    def criteria(self) -> agvjax.Criteria:
+        """How runs must be judged for these metrics to have slopes."""
+        return criteria(self.names, sloped=True)
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Of every requirement: row of its statistic and column of its metric in a reference."""
+        return [(STATISTICS.index(r.statistic), self.names.index(r.metric)) for r in self.requirements]
+
+    def values(self, metrics: agvjax.Metrics) -> tuple[Float[Array, "M B"], Bool[Array, " B"]]:
+        """The metrics that matter of every scenario, and which runs are worth having."""
+        return jnp.stack([METRICS[name](metrics) for name in self.names]), metrics.ok
+
+    def shares(self, scenarios: int) -> np.ndarray:
+        """Shares of the scenarios in means, of sum 1."""
+        weights = np.ones(scenarios) if self.weights is None else np.asarray(self.weights, float)
+        return weights / weights.sum()
+
+    def statistics(self, values: Float[Array, "M B"]) -> Float[Array, "3 M"]:
+        """Mean, worst and mean of the worst `tail` of every metric."""
+        shares = jnp.asarray(self.shares(values.shape[1]), values.dtype)
+        each = jnp.broadcast_to(shares, values.shape)
+        falling, parts = jax.lax.sort((-values, each), dimension=1, num_keys=1)
+        ranked = -falling
+        taken = jnp.clip(self.tail - (jnp.cumsum(parts, axis=1) - parts), 0, parts) / self.tail
+        return jnp.stack([values @ shares, jnp.max(values, axis=1), jnp.sum(taken * ranked, axis=1)])
+
+    def reference(self, values: Float[Array, "M B"], ok: Bool[Array, " B"]) -> np.ndarray:
+        """The statistics (3, M) of the runs that did not diverge.
+
+        Raises:
+            RuntimeError: every run diverges, or one of them is 0 and can be no unit of a goal or of a limit.
+        """
+        kept = np.asarray(ok)
+        if not kept.any():
+            raise RuntimeError(
+                f"every one of the {kept.size} runs diverges with the starting gains: nothing to tune from"
+            )
+        sound = self._replace(weights=self.shares(kept.size)[kept])
+        found = np.asarray(sound.statistics(jnp.asarray(values)[:, kept]))
+        for requirement, place in zip(self.requirements, self.places, strict=True):
+            if not requirement.absolute and not found[place] > 0:
+                raise RuntimeError(
+                    f"{requirement.name} is {found[place]:g} with the starting gains and cannot be their"
+                    " multiple: choose another goal, or an absolute limit"
+                )
+        return found
+
+    def units(self, reference: Any) -> np.ndarray:
+        """What each requirement's statistic is divided by: a goal's reference, a limit's bound."""
+        table = np.asarray(reference)
+        bounds = [
+            r.value if r.absolute else r.value * table[p] for r, p in zip(self.requirements, self.places, strict=True)
+        ]
+        return np.array([*(table[p] for p in self.places[: len(self.goals)]), *bounds[len(self.goals) :]])
+
+    def scale(self, reference: Any) -> np.ndarray:
+        """Of every metric (M,) the size that counts: the worst of the reference or, if larger, a limit's bound."""
+        size = np.array(np.asarray(reference)[1], float)
+        limits = slice(len(self.goals), None)
+        for (_, metric), bound in zip(self.places[limits], self.units(reference)[limits], strict=True):
+            size[metric] = max(size[metric], bound)
+        return size
+
+    def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Float[Array, " R"]:
+        """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
+        diverged = jnp.asarray(self.latched * self.scale(reference), values.dtype)
+        found = self.statistics(jnp.where(ok, values, diverged[:, None]))
+        rows, columns = (list(x) for x in zip(*self.places, strict=True))
+        return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(reference), values.dtype)
+
+    def score(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Score:
+        """Cost and what it is made of."""
+        levels = self.levels(values, ok, reference)
+        goal = jnp.dot(jnp.asarray([g.value for g in self.goals], levels.dtype), levels[: len(self.goals)])
+        over = levels[len(self.goals) :] - 1
+        cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))
+        counted = jnp.asarray(self.shares(ok.size) > 0)  # places that only the worst sees hold copies
+        return Score(cost, goal, jnp.max(over, initial=-1.0), jnp.sum(~ok & counted), levels)

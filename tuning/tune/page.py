@@ -1,0 +1,218 @@
+"""What a tuning run found: the tables and the figures at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax.metric_table import OF_DELIVERED, metrics_of, unit
+
+from ..ensemble.draws import Correlated, Distribution
+from ..ensemble.worst import statement
+from ..io.pages import grid
+from .analysis import Findings
+from .figures import _signed
+from .judge import Judged, Verdict
+from .rounds import COLUMNS, Outcome, Round
+from .tuner import SEQUENTIAL
+
+SHOWN = ("rmse", "effort", "peak_position", "peak_heading", "chatter")
+
+
+def comparison(before: Judged, after: Judged, metrics: Sequence[str]) -> str:
+    """Before, after and their ratio, as a Markdown table."""
+    rows = []
+    for name in metrics:
+        cells = [name, unit(name)]
+        for old, new in ((before.mean[name], after.mean[name]), (before.worst[name], after.worst[name])):
+            cells += [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
+        rows.append(cells)
+    for name, old, new in (
+        ("diverged runs", before.latched, after.latched),
+        ("not settled", before.unsettled, after.unsettled),
+    ):
+        rows.append([name, f"of {before.size}", old, new, "", "", "", ""])
+    return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
+
+
+def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
+    """Gains before and after, with the margin to each stability condition."""
+    old, new = agvjax.leaves(before), agvjax.leaves(after)
+    rows = []
+    for name in dict.fromkeys([*names, *stability]):
+        bound = stability.get(name)
+        condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{float(new[name]) - bound:.4g}"]
+        rows.append([name, f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", *condition])
+    return grid(["gain", "before", "after", "must exceed", "margin"], rows)
+
+
+def standings(findings: Findings) -> str:
+    """Where every requirement stands, and by how much a gain moves it."""
+    rows = []
+    for s in findings.standings:
+        kind = "limit" if s.limit else "goal"
+        state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
+        price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
+        slopes = [_signed(x) for x in s.slopes]
+        rows.append(
+            [
+                s.requirement.name,
+                kind,
+                f"{s.value:.5g} {unit(s.requirement.metric)}",
+                f"{s.level:.4f}",
+                state,
+                price,
+                *slopes,
+            ]
+        )
+    return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
+
+
+def identifiability(findings: Findings) -> list[str]:
+    """What the data cannot tell, in words."""
+    names, found = findings.names, findings.identifiability
+    if len(names) < 2:
+        return []
+    weak = sorted(zip(names, found.weakest, strict=True), key=lambda pair: -abs(pair[1]))
+    mixture = ", ".join(f"{x:+.2f} {name}" for name, x in weak if abs(x) > 0.2)
+    said = [
+        f"The combination of gains felt least is ({mixture}), in relative changes:"
+        f" {found.strength[-1] / found.strength[0]:.1e} of the one felt most."
+    ]
+    said += [
+        f"{names[i]} and {names[j]} cannot be told apart: they do the same to every metric of every scenario (cosine"
+        f" {cosine:+.3f})."
+        for i, j, cosine in found.alike
+    ]
+    flat = [name for name, row in zip(names, _felt(findings), strict=True) if row < 1e-4]
+    if flat:
+        said.append(f"Not felt at all, to first order: {', '.join(flat)}.")
+    return said
+
+
+def _felt(findings: Findings) -> np.ndarray:
+    return np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
+
+
+def rounds(rows: Sequence[Round]) -> str:
+    """`[best, worst found]` of each round, for every metric."""
+    return grid(
+        ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"],
+        [[r.round, r.metric, unit(r.metric), r.best, r.worst_found] for r in rows],
+    )
+
+
+def page(outcome: Outcome, verdict: Verdict) -> str:
+    """`report.md`."""
+    posed, run, p = outcome.posed, outcome.run, outcome.progress
+    config, objective, free = posed.config, posed.tuner.objective, posed.tuner.free
+    settings, before, after = config.tune, verdict.before, verdict.after
+    own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *sorted(OF_DELIVERED))
+    known = metrics_of(config.scenario.plant)
+    shown = tuple(name for name in dict.fromkeys([*own, *objective.names]) if name in known)
+    met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
+    places = len({row[1] for row in run.history if row[0] == 0})
+    starts = f" from {places} starts" if places > 1 else ""
+    latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
+    clipped = (
+        ""
+        if settings.optimizer == SEQUENTIAL
+        else f" {run.total('clipped')} gradients clipped to norm {settings.clip:g},"
+    )
+    counts = (
+        f"{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')} rollouts of the"
+        f" ensemble (a gradient counts 1 + its tangents), best at iteration {p.best_iteration}; {latched} of them with"
+        f" diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient there was of use."
+    )
+    smooth = _smooth_note(objective.names)
+    learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
+    best = {r.metric: r.best for r in outcome.rounds if r.round == run.round}  # the ensemble lies in the box too
+    found = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
+    said = "\n".join(f"* {line}" for line in [*statement(found), *_known(outcome)])
+    return f"""# Tuned gains
+
+{gains((*free.names, *free.tied), config.controller, outcome.controller, posed.stability)}
+
+"Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
+deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction. The gains are in
+`gains.toml`: `agvjax simulate --config gains.toml`.
+
+## On {after["validation"].size} validation scenarios, not seen in tuning
+
+{comparison(before["validation"], after["validation"], shown)}
+
+## On the {after["tuning"].size} tuning scenarios
+
+{comparison(before["tuning"], after["tuning"], shown)}
+
+{met} rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), effort the same of the commands before the deadzone; mean and worst
+are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+{_path(config)}
+## What each requirement hangs on
+
+{standings(verdict.findings)}
+
+Level: of a goal relative to the starting gains, of a limit relative to its bound. Price: by how much the goal would
+fall if this limit alone were relaxed by 1 %. Under each gain: relative change of the requirement per relative change
+of the gain, at the tuned gains.
+
+{learned}
+
+## The worst case
+
+{said}
+
+{rounds(outcome.rounds)}
+
+The box holds every value that the ensemble can draw{_cut(posed)}; "worst in the ensemble" includes scenarios that
+earlier rounds added. Searched at steps of {settings.dt:g} s.
+
+## How it went
+
+{counts} Seed {config.seed}, {config.precision}-bit.
+
+![cost and gains](history.png)
+
+![sensitivities](sensitivity.png)
+
+![nominal](nominal.png)
+
+![worst](worst.png)
+"""
+
+
+def _path(config: Any) -> str:
+    """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
+    found = agvjax.path_warnings(config.scenario, config.simulate.horizon)
+    reasons = "\n".join(f"* {reason}" for reason in found)
+    return f"\n## The path\n\nWhatever the gains, it cannot be followed exactly:\n\n{reasons}\n" if found else ""
+
+
+def _known(outcome: Outcome) -> list[str]:
+    if not outcome.worse:
+        return []
+    rounds = outcome.posed.config.tune.search.rounds
+    more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
+    return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
+
+
+def _unmet(verdict: Verdict) -> str:
+    text = "**Limits not met:** " + "; ".join(verdict.over) + "."
+    return text + (" " + " ".join(verdict.conflict) if verdict.conflict else "")
+
+
+def _smooth_note(names: Sequence[str]) -> str:
+    if not any(name.startswith("settling") for name in names):
+        return ""
+    return (
+        " A settling time jumps where the error touches its band once more: its value is the true one (the horizon for"
+        " a run that has not settled), its slope that of a smooth stand-in."
+    )
+
+
+def _cut(posed: Any) -> str:
+    tailed = [n for n, d in posed.config.ensemble.draws.items() if isinstance(d, (Correlated, Distribution))]
+    return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""

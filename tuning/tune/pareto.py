@@ -1,0 +1,93 @@
+"""What more command buys: the problem tuned again and again, with one limit moved, each from its neighbour's gains."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .objective import within
+from .problem import Posed
+from .tuner import FEASIBLE, Progress, Tuner
+
+
+class Point(NamedTuple):
+    """One point of the front."""
+
+    factor: float  # of the limit that is moved, times the starting gains'
+    goal: float  # on the tuning scenarios, relative to the starting gains
+    met: bool
+    dominated: bool  # another point is no worse in both
+    controller: Any
+    gains: list[float]
+    looks: int
+
+
+def front(
+    posed: Posed, metric: str, factors: list[float], done: Callable[[Point], None] = lambda point: None
+) -> list[Point]:
+    """Tuned gains for every factor on the limits of a metric, outward from the factor nearest 1.
+
+    Raises:
+        RuntimeError: nothing can be tuned from the starting gains.
+    """
+    tuner = _limited(posed.tuner, metric, 1.0)
+    middle = int(np.argmin(np.abs(np.log(factors))))
+    made: dict[int, tuple[Point, Progress]] = {}
+    for i in [*range(middle, len(factors)), *reversed(range(middle))]:
+        neighbour = made.get(i - 1 if i > middle else i + 1)
+        here = _limited(tuner, metric, factors[i])
+        progress = here.begin(None if neighbour is None else neighbour[1].best_z)
+        while not here.finished(progress):
+            progress = here.advance(progress)
+        if np.isinf(progress.best[1]):
+            raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
+        point = Point(
+            factor=factors[i],
+            goal=progress.best[1],
+            met=progress.best[0] == 0,
+            dominated=False,
+            controller=here.best(progress),
+            gains=here.gains(progress.best_z),
+            looks=progress.iteration,
+        )
+        made[i] = (point, progress)
+        done(point)
+    points = [made[i][0] for i in range(len(factors))]
+    lower = np.minimum.accumulate([p.goal if p.met else np.inf for p in points])
+    worse = [bool(p.met and p.goal > low * (1 + FEASIBLE)) for p, low in zip(points, lower, strict=True)]
+    return [p._replace(dominated=d) for p, d in zip(points, worse, strict=True)]
+
+
+def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
+    """The problem with mean and worst of a metric limited to so many times the starting gains'; compiled parts kept."""
+    moved = {r.statistic: r for r in within({metric: factor})}
+    limits = [moved.pop(r.statistic, r) if r.metric == metric else r for r in tuner.objective.limits]
+    objective = tuner.objective._replace(limits=(*limits, *moved.values()))
+    kept = tuner.push if objective.names == tuner.objective.names else None
+    return dataclasses.replace(tuner, objective=objective, prepared=kept)
+
+
+def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: str, goal: str) -> Figure:
+    """The front on scenarios not tuned on: `uses` and `errors` (P + 1, 2) are mean and worst, the last the start's."""
+    drawn = Figure(figsize=(9, 3.8), layout="constrained")
+    for axes, column, name in zip(drawn.subplots(1, 2), (0, 1), ("mean", "worst"), strict=True):
+        good = [i for i, p in enumerate(points) if p.met]
+        axes.plot(uses[good, column], errors[good, column], "o-", ms=4, lw=1, color="tab:blue", label="tuned")
+        bad = [i for i, p in enumerate(points) if not p.met]
+        if bad:
+            axes.plot(uses[bad, column], errors[bad, column], "x", color="0.5", label="limits not met")
+        axes.plot(*uses[-1:, column], *errors[-1:, column], "s", color="tab:orange", label="starting gains")
+        last, room = -np.inf, 0.06 * np.ptp(uses[:, column])
+        for i in good:
+            if uses[i, column] - last > room:  # labels that would lie upon each other are left out
+                last, place = uses[i, column], (uses[i, column], errors[i, column])
+                axes.annotate(f"{points[i].factor:.3g}", place, fontsize=7, xytext=(4, 3), textcoords="offset points")
+        axes.set(xlabel=f"{name} {metric}", ylabel=f"{name} {goal}")
+        axes.grid(alpha=0.3)
+    drawn.axes[0].legend(fontsize=8)
+    drawn.suptitle("on validation scenarios; numbers: the limit, times the starting gains'", fontsize=9)
+    return drawn

@@ -1,0 +1,132 @@
+"""A tuning problem solved: searches from every start, then the worst case, tuned again with it until none is worse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..ensemble.worst import Found
+from .problem import Posed, starts, with_added
+from .tuner import HISTORY, Progress
+
+COLUMNS = ("round", "start", *HISTORY)
+
+
+class Round(NamedTuple):
+    """What a round of tuning and searching came to, for one metric."""
+
+    round: int
+    metric: str
+    best: float  # its worst in the ensemble, with what was added
+    worst_found: float  # in the box; infinite where a run diverges
+
+
+class Run(NamedTuple):
+    """Everything that a run needs to go on from where it stands."""
+
+    round: int
+    searches: tuple[Progress, ...]  # of this round, one a start
+    added: dict[str, np.ndarray]  # leaves of the scenarios that searches found, (A, ...)
+    rounds: tuple[Round, ...]  # those before
+    past: tuple[tuple[float, ...], ...]  # history of the rounds before, rows of COLUMNS and gains
+
+    @property
+    def history(self) -> list[tuple[float, ...]]:
+        """A row an iteration and start, over all rounds."""
+        rows = [(self.round, i, *row) for i, p in enumerate(self.searches) for row in p.history]
+        return [*self.past, *sorted(rows, key=lambda row: (row[2], row[1]))]
+
+    @property
+    def lead(self) -> Progress:
+        """The best search of this round."""
+        return min(self.searches, key=lambda p: p.best)
+
+    def total(self, name: str) -> int:
+        """Sum over rounds and starts of what a column counts up."""
+        ends: dict[tuple[float, float], float] = {}
+        for row in self.history:
+            ends[row[0], row[1]] = row[COLUMNS.index(name)]
+        if name == "rollouts":  # a search along a line adds to them after its row
+            ends |= {(self.round, i): p.rollouts for i, p in enumerate(self.searches)}
+        return int(sum(ends.values()))
+
+
+class Outcome(NamedTuple):
+    """Tuned gains and what is known of them."""
+
+    posed: Posed  # the last round's problem
+    run: Run
+    controller: Any
+    found: list[Found]  # the worst scenarios of the last search
+    rounds: tuple[Round, ...]
+
+    @property
+    def worse(self) -> list[str]:
+        """Metrics of which the box is known to hold a worse scenario than any that was tuned on."""
+        last = [r for r in self.rounds if r.round == self.run.round]
+        return [r.metric for r in last if r.worst_found > (1 + self.posed.config.tune.search.tolerance) * r.best]
+
+    @property
+    def progress(self) -> Progress:
+        """The search that found the gains."""
+        return self.run.lead
+
+
+def begin(posed: Posed) -> Run:
+    """Before the first iteration."""
+    return Run(0, tuple(posed.tuner.begin(z) for z in starts(posed)), {}, (), ())
+
+
+def solve(
+    posed: Posed,
+    run: Run | None = None,
+    each: Callable[[Run], None] = lambda run: None,
+    searching: Callable[[], None] = lambda: None,
+) -> Outcome:
+    """Tune, search for the worst scenario, add it and tune again, for as many rounds as are configured.
+
+    Args:
+        posed: the problem, from `pose`.
+        run: where to go on; None begins.
+        each: called after every iteration.
+        searching: called before every search for the worst scenario.
+
+    Raises:
+        RuntimeError: nothing can be tuned from the starting gains.
+    """
+    run = begin(posed) if run is None else run
+    posed = with_added(posed, run.added) if run.added else posed
+    settings, before = posed.config.tune.search, None
+    while True:
+        while not all(posed.tuner.finished(p) for p in run.searches):
+            run = run._replace(searches=tuple(posed.tuner.advance_all(list(run.searches))))
+            each(run)
+        lead = run.lead
+        if lead.backed_out and lead.backed_out == lead.iteration - 1:
+            raise RuntimeError("every step led to where no gradient was of use: the gains are those of the start")
+        if np.isinf(lead.best[1]) and before is not None:
+            return before  # with what was found nothing could be looked at: the round before stands
+        if np.isinf(lead.best[1]):
+            raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
+        searching()
+        found = posed.adversary.search(lead.best_z, run.round)
+        best = posed.tuner.worst(lead.best_z)
+        names = posed.tuner.objective.names
+        rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
+        before = Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
+        if run.round >= settings.rounds or not before.worse:
+            return before
+        posed, run = _again(before)
+
+
+def _again(before: Outcome) -> tuple[Posed, Run]:
+    """The problem with the worst scenarios added, and its run, from the gains that did not stand them."""
+    run, worse = before.run, [f.scenario for f in before.found if f.metric in before.worse]
+    added = {name: np.stack([scenario[name] for scenario in worse]) for name in before.posed.tuner.batch.names}
+    if run.added:
+        added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
+    posed = with_added(before.posed, added)
+    searches = (posed.tuner.begin(run.lead.best_z),)
+    return posed, Run(run.round + 1, searches, added, before.rounds, tuple(run.history))

@@ -1,0 +1,120 @@
+"""What is wrong with a tuning problem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax.metric_table import metrics_of
+
+from ..config import rules
+from ..config.settings import Config, Tune
+from ..ensemble.rules import beyond_rules, undrawable
+from .methods.optax import find_optimizer
+from .objective import STATISTICS
+from .tuner import SEQUENTIAL
+
+LEAST_LIMIT = 1e-9
+
+
+def faults(config: Config) -> list[agvjax.Fault]:
+    """What is wrong with a configuration that is to be tuned."""
+    found = rules.faults(config) + _names(config)
+    if not found:
+        found = rules.timing_faults(config, "tune") + _boxes(config)
+    return rules.unique(found)
+
+
+def _names(config: Config) -> list[agvjax.Fault]:
+    """Names in the tuning problem that name nothing, and limits that limit nothing."""
+    tune, found = config.tune, []
+    gains = agvjax.leaves(config.controller)
+    for name in tune.gains:
+        if name not in gains:
+            found.append(agvjax.Fault("tune.gains", name, f"leaves of the controller: {', '.join(gains)}"))
+    if not tune.gains:
+        rule = "names of gains: this law names none to tune by gradient; tune the law inside it"
+        found.append(agvjax.Fault("tune.gains", [], rule))
+    if len(set(tune.gains)) < len(tune.gains):
+        found.append(agvjax.Fault("tune.gains", list(tune.gains), "names that differ"))
+    for name, pair in tune.bounds.items():
+        if name not in tune.gains:
+            found.append(agvjax.Fault(f"tune.bounds.{name}", list(pair), "of a tuned gain, one of tune.gains"))
+    found += _tied(tune, gains) + _requirements(config) + undrawable(config.scenario, config.ensemble.draws)
+    if tune.search.scouts < tune.search.starts:
+        rule = f"at least tune.search.starts, {tune.search.starts}"
+        found.append(agvjax.Fault("tune.search.scouts", tune.search.scouts, rule))
+    if config.pareto.low > config.pareto.high:
+        found.append(agvjax.Fault("pareto.low", config.pareto.low, f"at most pareto.high, {config.pareto.high:g}"))
+    if config.ensemble.fresh and tune.search.rounds:
+        found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, "0 where ensemble.fresh is true"))
+    for name in tune.choices:
+        if not name.startswith("controller"):
+            found.append(agvjax.Fault(f"tune.choices.{name}", tune.choices[name], "of a key of the controller"))
+    if tune.choices and tune.search.rounds:
+        found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, "0 where tune.choices are given"))
+    if tune.optimizer == SEQUENTIAL:
+        if tune.gradient == "reverse":
+            found.append(
+                agvjax.Fault("tune.gradient", tune.gradient, f"forward: {SEQUENTIAL} needs the whole Jacobian")
+            )
+        if tune.options:
+            found.append(agvjax.Fault("tune.options", dict(tune.options), f"empty: {SEQUENTIAL} has none"))
+        if config.ensemble.fresh:
+            rule = f"false: {SEQUENTIAL} needs the same scenarios every iteration; an optimiser of optax does not"
+            found.append(agvjax.Fault("ensemble.fresh", "true", rule))
+        return found
+    try:
+        find_optimizer(tune.optimizer)(1.0, **tune.options)
+    except Exception as error:  # optax and its optimisers raise whatever they meet
+        rule = f"{SEQUENTIAL}, or an optimiser of optax that takes a learning rate, and options it knows ({error})"
+        found.append(agvjax.Fault("tune.optimizer", tune.optimizer, rule))
+    return found
+
+
+def _tied(tune: Tune, gains: Any) -> list[agvjax.Fault]:
+    """Gains tied to what is not tuned, or tuned themselves."""
+    found = []
+    for name, which in tune.tied.items():
+        if name not in gains or name in tune.gains or np.ndim(gains.get(name, 0.0)):
+            found.append(agvjax.Fault(f"tune.tied.{name}", which, "under a single gain of the law that is not tuned"))
+        elif which not in tune.gains or not float(gains[which]) > 0 or not float(gains[name]) > 0:
+            rule = "the name of a tuned gain, both > 0: the ratio they start with is kept"
+            found.append(agvjax.Fault(f"tune.tied.{name}", which, rule))
+    return found
+
+
+def _requirements(config: Config) -> list[agvjax.Fault]:
+    """Goals that ask nothing, and limits that nothing can keep."""
+    tune, found = config.tune, []
+    if not any(weight != 0 for weights in tune.goals.values() for weight in vars(weights).values()):
+        found.append(agvjax.Fault("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
+    asked = [*tune.goals.values(), *(limit for limit in tune.limits.values() if np.isfinite(limit.worst))]
+    if tune.search.rounds and not any(part.worst for part in asked):
+        rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
+        found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, rule))
+    known = metrics_of(config.scenario.plant)
+    for key, names in (("goals", tune.goals), ("limits", tune.limits)):
+        found += [
+            agvjax.Fault(f"tune.{key}.{name}", "asked for", "absent: this plant's heading cannot be commanded")
+            for name in names
+            if name not in known
+        ]
+    for name, limit in tune.limits.items():
+        bad = {s: getattr(limit, s) for s in STATISTICS if not getattr(limit, s) >= LEAST_LIMIT}
+        for statistic, value in bad.items():
+            key = f"tune.limits.{name}" + ("" if len(bad) > 1 and len(set(bad.values())) == 1 else f".{statistic}")
+            rule = f">= {LEAST_LIMIT:g}, a ratio to the starting gains or with absolute = true the value; inf for none"
+            found.append(agvjax.Fault(key, value, rule))
+    return found
+
+
+def _boxes(config: Config) -> list[agvjax.Fault]:
+    """Draws that can draw what their leaf may not hold, and gains that are no single number."""
+    found = beyond_rules(config.scenario, config.ensemble.draws)
+    for name in config.tune.gains:
+        if np.ndim(agvjax.leaves(config.controller)[name]):
+            found.append(agvjax.Fault("tune.gains", name, "a single number"))
+    return found
