@@ -2,46 +2,91 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import dataclasses
 import signal
+import sys
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+from tqdm import tqdm
+
+from agvjax import InputError
 
 
 class RunFailed(Exception):
-    """The input was good and the run was not."""
+    """The input was good and the run failed all the same: exit code 1."""
 
 
-def ticker(bar: Any) -> Any:
-    """Progress by name: one part done, and which."""
+@dataclasses.dataclass(frozen=True)
+class Console:
+    """Where a command prints.
 
-    def tick(name: str) -> None:
-        bar.set_postfix_str(name, refresh=False)
-        bar.update()
+    Attributes:
+        quiet: print nothing but errors.
+    """
 
-    return tick
+    quiet: bool = False
+
+    def say(self, *lines: str) -> None:
+        """Print lines on standard output."""
+        if not self.quiet:
+            print(*lines, sep="\n", flush=True)
+
+    def note(self, text: str) -> None:
+        """Print what the user should know, on standard output."""
+        self.say(f"note: {text}")
+
+    def warn(self, text: str) -> None:
+        """Print what the user should change one day, on standard error."""
+        if not self.quiet:
+            print(f"note: {text}", file=sys.stderr, flush=True)
+
+    def bar(self, total: int, unit: str, initial: int = 0, scale: bool = False) -> tqdm:
+        """A progress bar of `total` units; with `scale` their number is shown as 1.2k or 3.4M."""
+        return tqdm(total=total, initial=initial, unit=unit, unit_scale=scale, disable=self.quiet, mininterval=0.5)
+
+    @contextlib.contextmanager
+    def parts(
+        self, total: int, unit: str = "part", failures: tuple[type[Exception], ...] = (RuntimeError,)
+    ) -> Iterator[Callable[[str], None]]:
+        """A progress bar for work in named parts: call what it yields with the name of each part that begins.
+
+        Bad input stays an `InputError`; the other `failures` of the work become a `RunFailed`.
+        """
+        with self.bar(total, unit) as bar, failing(failures):
+
+            def tick(name: str) -> None:
+                bar.set_postfix_str(name, refresh=False)
+                bar.update()
+
+            yield tick
 
 
-def say(arguments: argparse.Namespace, *lines: str) -> None:
-    """Print, unless told to be quiet."""
-    if not arguments.quiet:
-        print(*lines, sep="\n", flush=True)
+@contextlib.contextmanager
+def failing(failures: tuple[type[Exception], ...] = (RuntimeError,)) -> Iterator[None]:
+    """Turn these errors into a `RunFailed` of the same message, but bad input."""
+    try:
+        yield
+    except InputError:
+        raise
+    except failures as error:
+        raise RunFailed(str(error)) from error
 
 
 @contextlib.contextmanager
 def interrupts() -> Iterator[list[int]]:
-    """The interrupts that came: compiled code that is calling back into Python may swallow the exception itself."""
-    came: list[int] = []
+    """The interrupts (Ctrl-C) so far: compiled code that calls back into Python may swallow the exception itself."""
+    signals: list[int] = []
 
-    def note(number: int, frame: Any) -> None:
-        came.append(number)
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signals.append(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, note) if threading.current_thread() is threading.main_thread() else None
+    before = signal.signal(signal.SIGINT, interrupt) if threading.current_thread() is threading.main_thread() else None
     try:
-        yield came
+        yield signals
     finally:
         if before is not None:
             signal.signal(signal.SIGINT, before)

@@ -12,10 +12,10 @@ import jax
 
 from agvjax import Fault, InputError
 
-from ..compute import compiled as startup
+from ..compute import compiled
 from ..export import artefact
 from ..io import files
-from .console import say
+from .console import Console
 from .folders import new_folder
 from .prepare import overrides
 
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         rule = "lower-case letters, digits and underscores, a letter first; no word and no known module of Python"
         raise InputError([Fault("--name", name, rule)])
     jax.config.update("jax_enable_x64", True)
-    startup.keep_compiled()
+    compiled.keep_compiled()
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments))
     module = importlib.import_module(
         f"..export.{MODULES[arguments.format]}", __package__
@@ -46,13 +46,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             [Fault("controller", found.provenance["law"][-1], f"a law that can be exported ({error})")]
         ) from error
-    out = new_folder(arguments)
-    (out / "config.toml").unlink()
+    out, console = new_folder(arguments.out, arguments.command), Console(arguments.quiet)
     for name, content in made.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)
     files.write_json(out / "provenance.json", found.provenance)
     if isinstance(found.provenance["uncertainty"], str):
-        say(arguments, f"note: uncertainty {found.provenance['uncertainty']}")
-    say(arguments, f"{len(made) + 1} files written to {out}: {', '.join(sorted(made))}")
+        console.note(f"uncertainty {found.provenance['uncertainty']}")
+    console.say(f"{len(made) + 1} files written to {out}: {', '.join(sorted(made))}")
     return 0

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agvjax import Fault, InputError
 
@@ -21,8 +20,7 @@ from ..identify.parameters import parameters, values
 from ..identify.predict import predict, windows
 from ..identify.verdict import identify
 from ..io import files
-from .console import say
-from .folders import leave_folder, new_folder
+from .folders import new_folder
 from .prepare import configure
 
 ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # noise where no log tells it
@@ -30,9 +28,8 @@ ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # noi
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit the logs, judge, predict, suggest a drive; write report, estimates and the scenario to tune for."""
-    config = configure(
-        arguments, more={"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None
-    )
+    more = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None
+    config, console = configure(arguments, more=more)
     task.check(config)
     if arguments.unseen and not arguments.logs:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
@@ -40,16 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("LOG.csv", "none", "given, or identify.drives above 0 for a drive to be suggested")])
     posed = task.task(arguments.logs, config) if arguments.logs else None
     unseen = _unseen(arguments, config, posed) if posed and arguments.unseen else ()
-    out = new_folder(arguments)
-    files.write(out / "config.toml", configuration.dump(config))
+    out = new_folder(arguments.out, arguments.command)
     settings = config.identify
     total = settings.drives + (settings.starts + ROUNDS if posed else 0)
-    with tqdm(total=total, disable=arguments.quiet, unit="part") as bar:
-
-        def tick(name: str) -> None:
-            bar.set_postfix_str(name, refresh=False)
-            bar.update()
-
+    with console.parts(total) as tick:
         if posed is None:
             drive = first_drive(config, tick)
             page.write_drive(drive, out)
@@ -58,11 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 found = _found(config, posed, unseen, tick)
             except InputError:
-                leave_folder(out)
+                out.rmdir()  # nothing was written yet
                 raise
             text = page.write(config, found, out)
+    files.write(out / "config.toml", configuration.dump(config))
     more = f"; begin with {out}/report.html, go on with agvjax tune --config {out}/scenario.toml" if posed else ""
-    say(arguments, text, f"written to {out}{more}")
+    console.say(text, f"written to {out}{more}")
     return 0
 
 

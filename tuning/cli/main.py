@@ -1,4 +1,4 @@
-"""The command line: arguments, exit codes and messages. What the commands do is in `commands`."""
+"""The command line: arguments, exit codes and messages. What a command does is in the file of its name."""
 
 from __future__ import annotations
 
@@ -7,94 +7,132 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Option(NamedTuple):
+    """An option as `argparse` takes it: its names and keywords."""
+
+    names: tuple[str, ...]
+    keywords: dict[str, Any]
+
+
+class Command(NamedTuple):
+    """One command: a line of help and the options that the other commands do not have."""
+
+    help: str
+    options: tuple[Option, ...] = ()
+
+
+def _option(*names: str, **keywords: Any) -> Option:
+    return Option(names, keywords)
+
+
+def _many(name: str, metavar: str, help: str, **keywords: Any) -> Option:
+    """An option that may be given several times."""
+    return _option(name, action="append", metavar=metavar, help=help, **{"default": []} | keywords)
+
+
+def _flag(name: str, help: str) -> Option:
+    return _option(name, action="store_true", help=help)
+
+
+COMMON = (
+    _many("--config", "FILE.toml", "read settings; may be repeated"),
+    _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25"),
+    _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
+    _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
+    _option("--seed", type=int, help="seed of every random number"),
+    _option("--precision", type=int, choices=(32, 64), help="bits of a floating-point number"),
+    _flag("--quiet", "print nothing but errors"),
+)
+SHARED = (
+    _option("--num-processes", type=int, metavar="N", help="how many processes share the work"),
+    _option("--process-id", type=int, metavar="K", help="which of them this is, from 0"),
+)
+SIMULATE = Command(
+    "roll one vehicle out and write trajectory, metrics, figures",
+    (
+        _flag("--animate", "draw the run as a moving picture, animation.gif"),
+        _option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
+        _option("--index", type=int, metavar="N", help="which vehicle of the sweep"),
+        _option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
+    ),
+)
+TUNE = Command(
+    "tune the gains over an ensemble and write a report",
+    (
+        _flag("--resume", "go on with the run in --out, to the same result"),
+        _option(
+            "--coordinator",
+            metavar="HOST:PORT",
+            default=os.environ.get("JAX_COORDINATOR_ADDRESS"),
+            help="tune with several processes that meet there; 'auto' in SLURM, Open MPI, Kubernetes",
+        ),
+        *SHARED,
+    ),
+)
+SWEEP = Command(
+    "roll out many vehicles, on a grid or at random, and see where the gains fail",
+    (
+        _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
+        _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
+        _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all"),
+        _option("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities"),
+        _many("--controller", "FILE|LAW", "another controller beside the configured one"),
+        _many("--export", "netcdf|parquet", "write the results in this form too"),
+        *SHARED,
+        _flag("--resume", "refuse to begin anew; the same command goes on by itself"),
+    ),
+)
+IDENTIFY = Command(
+    "what the actuators really do, from recorded drives; a scenario to tune for",
+    (
+        _option(
+            "logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any a drive to record is suggested"
+        ),
+        _many("--unseen", "LOG.csv", "a drive to predict with what was identified"),
+        _option(
+            "--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"
+        ),
+    ),
+)
+EXPORT = Command(
+    "the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO",
+    (
+        _option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
+        _option("--format", choices=("c", "numpy", "ros2", "stablehlo"), required=True),
+        _option("--name", help="of files, functions and package"),
+    ),
+)
+COMMANDS = {
+    "simulate": SIMULATE,
+    "tune": TUNE,
+    "sweep": SWEEP,
+    "pareto": Command("tune along a moving limit: the front of error against command"),
+    "doctor": Command("check gradients and runs of a problem before it is tuned"),
+    "reproduce": Command(
+        "rebuild the paper's tables and figures beside the printed numbers",
+        (_flag("--pdf", "write every figure as PDF too"),),
+    ),
+    "compare": Command("tune every law to the same command budget and judge it on unseen scenarios"),
+    "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
+    "identify": IDENTIFY,
+    "export": EXPORT,
+}
 
 
 def parser() -> argparse.ArgumentParser:
-    """`agvjax simulate | tune | sweep | pareto | doctor | reproduce | compare | vehicles | identify | export`."""
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument(
-        "--config", action="append", default=[], metavar="FILE.toml", help="read settings; may be repeated"
-    )
-    common.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, e.g. controller.k1=25"
-    )
-    common.add_argument("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)")
-    common.add_argument("--seed", type=int, help="seed of every random number")
-    common.add_argument("--precision", type=int, choices=(32, 64), help="bits of a floating-point number")
-    common.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    top = argparse.ArgumentParser(prog="agvjax", description=__doc__.splitlines()[0] if __doc__ else None)
-    top.description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
+    """The commands of `agvjax` with their options."""
+    description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
+    top = argparse.ArgumentParser(prog="agvjax", description=description)
+    top.set_defaults(coordinator=None)  # of the commands that have no such option
     commands = top.add_subparsers(dest="command", required=True)
-    simulate = commands.add_parser(
-        "simulate", parents=[common], help="roll one vehicle out and write trajectory, metrics, figures"
-    )
-    simulate.add_argument("--animate", action="store_true", help="draw the run as a moving picture, animation.gif")
-    simulate.add_argument("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller")
-    simulate.add_argument("--index", type=int, metavar="N", help="which vehicle of the sweep")
-    simulate.add_argument("--controller", metavar="NAME", help="which controller of the sweep (default: its first)")
-    tune = commands.add_parser("tune", parents=[common], help="tune the gains over an ensemble and write a report")
-    tune.add_argument("--resume", action="store_true", help="go on with the run in --out, to the same result")
-    tune.add_argument(
-        "--coordinator",
-        metavar="HOST:PORT",
-        default=os.environ.get("JAX_COORDINATOR_ADDRESS"),
-        help="tune with several processes that meet there; 'auto' in SLURM, Open MPI, Kubernetes",
-    )
-    _among(tune)
-    _sweep(commands, common)
-    commands.add_parser(
-        "pareto", parents=[common], help="tune along a moving limit: the front of error against command"
-    )
-    commands.add_parser("doctor", parents=[common], help="check gradients and runs of a problem before it is tuned")
-    reproduce = commands.add_parser(
-        "reproduce", parents=[common], help="rebuild the paper's tables and figures beside the printed numbers"
-    )
-    reproduce.add_argument("--pdf", action="store_true", help="write every figure as PDF too")
-    commands.add_parser(
-        "compare", parents=[common], help="tune every law to the same command budget and judge it on unseen scenarios"
-    )
-    commands.add_parser(
-        "vehicles", parents=[common], help="unicycle, car and robot with limits, delay and sampling; tuned and judged"
-    )
-    _identify(commands, common)
-    export = commands.add_parser(
-        "export", parents=[common], help="the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO"
-    )
-    export.add_argument("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it")
-    export.add_argument("--format", choices=("c", "numpy", "ros2", "stablehlo"), required=True)
-    export.add_argument("--name", help="of files, functions and package")
+    for name, command in COMMANDS.items():
+        one = commands.add_parser(name, help=command.help)
+        for option in (*COMMON, *command.options):
+            one.add_argument(*option.names, **option.keywords)
     return top
-
-
-def _identify(commands: Any, common: argparse.ArgumentParser) -> None:
-    identify = commands.add_parser(
-        "identify", parents=[common], help="what the actuators really do, from recorded drives; a scenario to tune for"
-    )
-    add = identify.add_argument
-    add("logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any a drive to record is suggested")
-    add("--unseen", action="append", default=[], metavar="LOG.csv", help="a drive to predict with what was identified")
-    add("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
-
-
-def _sweep(commands: Any, common: argparse.ArgumentParser) -> None:
-    sweep = commands.add_parser(
-        "sweep", parents=[common], help="roll out many vehicles, on a grid or at random, and see where the gains fail"
-    )
-    add = sweep.add_argument
-    add("--over", action="append", metavar="LEAF=LOW:HIGH:POINTS", help="an axis; without POINTS sampled, *= times")
-    add("--ensemble", action="store_true", help="draw the other leaves of the tuning ensemble too")
-    add("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all")
-    add("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities")
-    add("--controller", action="append", metavar="FILE|LAW", help="another controller beside the configured one")
-    add("--export", action="append", metavar="netcdf|parquet", help="write the results in this form too")
-    _among(sweep)
-    add("--resume", action="store_true", help="refuse to begin anew; the same command goes on by itself")
-
-
-def _among(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--num-processes", type=int, metavar="N", help="how many processes share the work")
-    command.add_argument("--process-id", type=int, metavar="K", help="which of them this is, from 0")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -110,25 +148,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         from .console import RunFailed, interrupts
 
         try:
-            with interrupts() as lost:
+            with interrupts() as signals:
                 code = command.run(arguments)
-            if lost:  # and swallowed on the way
+            if signals:  # and swallowed on the way
                 raise KeyboardInterrupt
             return code
-        except (InputError, RunFailed) as error:
+        except (InputError, RunFailed, OSError) as error:  # OSError: a full disk, a folder that went away
             print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
             return 2 if isinstance(error, InputError) else 1
-        except OSError as error:  # a full disk, a folder that went away
-            print(f"agvjax {arguments.command}: {error}", file=sys.stderr)
-            return 1
     except KeyboardInterrupt:
         print(f"agvjax {arguments.command}: interrupted", file=sys.stderr)
         return 130
 
 
 def _among_others() -> bool:
-    distributed = sys.modules.get("tuning.compute.processes")
-    return distributed is not None and distributed.joined()
+    processes = sys.modules.get("tuning.compute.processes")
+    return processes is not None and processes.joined()
 
 
 def run() -> None:

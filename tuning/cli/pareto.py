@@ -6,7 +6,6 @@ import argparse
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 import agvjax
 from agvjax.metric_table import METRICS
@@ -18,7 +17,7 @@ from ..tune import pareto
 from ..tune.judge import judged, validation
 from ..tune.problem import pose
 from ..tune.rules import faults
-from .console import RunFailed, say
+from .console import RunFailed, failing
 from .folders import new_folder
 from .prepare import configure, unasked, warn
 from .tune import steered
@@ -26,25 +25,21 @@ from .tune import steered
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
-    config = configure(arguments, faults)
+    config, console = configure(arguments, faults)
     unasked(config)
     posed = pose(config)
-    out = new_folder(arguments)
-    warn(arguments, config, "tune", "simulate")
-    files.write(out / "config.toml", configuration.dump(config))
+    out = new_folder(arguments.out, arguments.command, config)
+    warn(console, config, "tune", "simulate")
     settings, names = config.pareto, posed.tuner.free.names
     factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
     goal = posed.tuner.objective.goals[0].metric
-    with tqdm(total=len(factors), disable=arguments.quiet, unit="point") as bar:
+    with console.bar(len(factors), "point") as bar, failing():
 
         def done(point: pareto.Point) -> None:
             bar.set_postfix_str(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}", refresh=False)
             bar.update()
 
-        try:
-            points = pareto.front(steered(posed), settings.metric, factors, done)
-        except RuntimeError as error:
-            raise RunFailed(str(error)) from error
+        points = pareto.front(steered(posed), settings.metric, factors, done)
     unseen = validation(config)
     values = [
         _worth(judged(config, law, unseen), (settings.metric, goal))
@@ -58,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     files.write_figure(out / "pareto.png", pareto.figure(points, uses, errors, settings.metric, goal))
     for i, p in enumerate(points):
         files.write(out / f"gains-{i}.toml", configuration.gains_table(p.controller))
-    say(arguments, grid(header, rows), f"front, figure and gains written to {out}")
+    console.say(grid(header, rows), f"front, figure and gains written to {out}")
     if not any(p.met for p in points):
         raise RunFailed("the limits could be met at no point of the front")
     return 0

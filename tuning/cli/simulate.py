@@ -10,30 +10,28 @@ from typing import Any
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
 
-from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import grid
 from ..sweep import results, shards
 from ..sweep.design import scene
-from .console import RunFailed, say
+from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, trajectory_of, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
-    config = configure(arguments)
+    config, console = configure(arguments)
     if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
         config = _of_sweep(arguments, config)
-    out = new_folder(arguments)
-    warn(arguments, config, "simulate")
+    out = new_folder(arguments.out, arguments.command, config)
+    warn(console, config, "simulate")
     trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
     metrics = agvjax.measure(trajectory, agvjax.Criteria(delivered=True))
     names = config.scenario.plant.actuators
@@ -42,7 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
     arrays = {name: getattr(trajectory, name) for name in fields}
     if trajectory.weight_norm is not None:
         arrays["weight_norm"] = trajectory.weight_norm
-    files.write(out / "config.toml", configuration.dump(config))
     files.write_npz(out / "trajectory.npz", arrays)
     files.write_json(out / "metrics.json", _spoken(metrics, names))
     drawn = {"run": trajectory}
@@ -55,8 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     if "position" not in names:  # where they are not the commands themselves
         files.write_figure(out / "inputs.png", plot.inputs(trajectory, names))
     if arguments.animate:
-        _animate(arguments, out, drawn)
-    say(arguments, _metrics_table(metrics, names), _delivered_table(metrics, names), f"written to {out}")
+        _animate(console, out, drawn)
+    console.say(_metrics_table(metrics, names), _delivered_table(metrics, names), f"written to {out}")
     if not trajectory.ok:
         raise RunFailed(
             f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
@@ -91,11 +88,11 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 
 
-def _animate(arguments: argparse.Namespace, out: Path, drawn: dict[str, Any]) -> None:
+def _animate(console: Console, out: Path, drawn: dict[str, Any]) -> None:
     from agvjax.draw import animate  # late: few ask for it
 
     moving = animate.animation(drawn)
-    with tqdm(total=moving.frames, disable=arguments.quiet, unit="frame") as bar:
+    with console.bar(moving.frames, "frame") as bar:
         files.write_gif(out / "animation.gif", moving, bar.update)
 
 

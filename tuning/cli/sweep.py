@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 import agvjax
 from agvjax import Fault, InputError
 
@@ -25,7 +23,7 @@ from ..io.pages import html
 from ..sweep import figures, page, results, shards, verdict, work
 from ..sweep.design import LAW, Design, design
 from ..sweep.rules import faults
-from .console import RunFailed, say
+from .console import Console, RunFailed
 from .folders import difference, new_folder
 from .prepare import configure, rank_and_count, warn
 
@@ -42,31 +40,31 @@ BEGINNING = 50  # tenths of a second that the first process of a sweep is given 
 
 def run(arguments: argparse.Namespace) -> int:
     """Take shards until none is missing; whoever finishes last writes the report."""
-    config = configure(arguments, faults, _more(arguments))
+    config, console = configure(arguments, faults, _more(arguments))
     _installed(config)
     laws = _controllers(config)
     plan = design(config)
     place = _place(arguments)
     made = work.manifest_of(config, plan, laws)
     said = configuration.dump(config)
-    out = _folder(arguments, made, said)
-    warn(arguments, config, "sweep")
+    out = _folder(arguments, console, made, said)
+    warn(console, config, "sweep")
     plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
-    say(arguments, f"{plan.size} scenarios{plural} in {made.count} shards; compiling ...")
+    console.say(f"{plan.size} scenarios{plural} in {made.count} shards; compiling ...")
     judges = work.judges(config, plan, list(laws.values()), min(made.shard, made.size))
     verdict.bounds_of(config, plan, judges[0], min(made.shard, made.size))  # before all the work
-    _fill(arguments, out, made, plan, judges, int(place * made.count))
+    _fill(console, out, made, plan, judges, int(place * made.count))
     while not _reported(out, said):
         with shards.held(out, "report") as ours:
             if ours and not _reported(out, said):
                 (out / "report.html").unlink(missing_ok=True)
                 files.write(out / "config.toml", said)
-                say(arguments, "looking at what was found ...")
-                _conclude(arguments, config, results.load(out), laws, judges, out)
+                console.say("looking at what was found ...")
+                _conclude(console, config, results.load(out), laws, judges, out)
                 shards.sweep_up(out)
                 return 0
         time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
-    say(arguments, f"complete, with its report: {out}/report.html")
+    console.say(f"complete, with its report: {out}/report.html")
     return 0
 
 
@@ -163,7 +161,7 @@ def _read(name: str, load: Callable[[], Config]) -> Any:
 
 def _place(arguments: argparse.Namespace) -> float:
     """Where among the shards this process begins, from 0 to 1, by its options or what SLURM and Kubernetes say."""
-    given = rank_and_count(arguments)
+    given = rank_and_count(arguments.process_id, arguments.num_processes)
     if given is None:
         numbers = [os.environ[name] for name in PLACES if os.environ.get(name, "").isdecimal()]
         return int(numbers[0]) * GOLDEN % 1 if numbers else 0.0  # spread evenly, however many there are
@@ -173,7 +171,7 @@ def _place(arguments: argparse.Namespace) -> float:
     return rank / count
 
 
-def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> Path:
+def _folder(arguments: argparse.Namespace, console: Console, made: shards.Manifest, said: str) -> Path:
     """A new folder with the manifest, or one in which this very sweep has begun."""
     out = Path(arguments.out) if arguments.out else None
     if out is None or not (out / shards.MANIFEST).exists():
@@ -182,7 +180,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
                 [Fault("--resume", arguments.out, "used with --out, the folder of a sweep that has begun")]
             )
         try:
-            out = new_folder(arguments)
+            out = new_folder(arguments.out, arguments.command)
         except InputError:
             if out is None or not out.is_dir() or not _just_begun(out, made):
                 raise
@@ -198,7 +196,7 @@ def _folder(arguments: argparse.Namespace, made: shards.Manifest, said: str) -> 
         changed = difference(before.config, made.config) or "a controller's gains"
         raise InputError([Fault("--out", str(out), f"a new folder, or that of the same sweep; changed: {changed}")])
     if before.versions != made.versions:
-        say(arguments, f"note: this sweep was begun with {before.versions}, here are {made.versions}")
+        console.note(f"this sweep was begun with {before.versions}, here are {made.versions}")
     return out
 
 
@@ -215,11 +213,9 @@ def _just_begun(out: Path, made: shards.Manifest) -> bool:
     return True
 
 
-def _fill(
-    arguments: argparse.Namespace, out: Path, made: shards.Manifest, plan: Design, judges: Sequence[Any], offset: int
-) -> None:
+def _fill(console: Console, out: Path, made: shards.Manifest, plan: Design, judges: Sequence[Any], offset: int) -> None:
     """Shard by shard, with a bar."""
-    with tqdm(total=made.size, disable=arguments.quiet, unit=" scenarios", unit_scale=True, mininterval=0.5) as bar:
+    with console.bar(made.size, " scenarios", scale=True) as bar:
         begun = False
 
         def tick(scenarios: int) -> None:
@@ -242,7 +238,7 @@ def _fill(
 
 
 def _conclude(
-    arguments: argparse.Namespace, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
+    console: Console, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
 ) -> None:
     """Findings, figures, report, exports."""
     seen = verdict.judge(config, found, laws, judges)
@@ -257,4 +253,4 @@ def _conclude(
         if kind in config.sweep.export:
             getattr(found, f"to_{kind}")(out / f"results.{suffix}")
     files.write(out / "report.html", html(text, out, "Sweep"))
-    say(arguments, text, f"shards, findings and report written to {out}; begin with {out}/report.html")
+    console.say(text, f"shards, findings and report written to {out}; begin with {out}/report.html")

@@ -11,7 +11,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 import agvjax
 from agvjax import InputError
@@ -28,32 +27,38 @@ from ..tune.judge import _both, judged, verdict
 from ..tune.problem import Posed, pose
 from ..tune.rounds import Outcome, Run, begin, solve
 from ..tune.rules import faults
-from .console import RunFailed, interrupts, say
+from .console import Console, RunFailed, interrupts
 from .folders import new_folder, same_folder
 from .prepare import as_arrays, configure, overrides, trajectory_of, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
-    config = configure(arguments, faults)
+    config, console = configure(arguments, faults)
     if config.tune.choices and distributed.joined():
         rule = "absent where several processes tune together"
         raise InputError([agvjax.Fault("tune.choices", list(config.tune.choices), rule)])
     if config.tune.choices:
-        return _choose(arguments, config)
+        return _choose(arguments, console, config)
     posed = pose(config)
     with contextlib.ExitStack() as left:
         if distributed.chief():
-            out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+            out = _folder(arguments, config)
         else:
             out = Path(left.enter_context(distributed.own_folder()))
         distributed.share(out / checkpoint.CHECKPOINT)
         begun = _begun(posed, out)
-        warn(arguments, config, "tune", "simulate")
-        found = _tune(arguments, posed, begun, out)[1]
+        warn(console, config, "tune", "simulate")
+        found = _tune(console, posed, begun, out)[1]
     if found.over:
         raise RunFailed(" ".join(["limits not met:", "; ".join(found.over) + ".", *found.conflict]))
     return 0
+
+
+def _folder(arguments: argparse.Namespace, config: Config) -> Path:
+    if arguments.resume:
+        return same_folder(arguments.out, config)
+    return new_folder(arguments.out, arguments.command, config)
 
 
 def _begun(posed: Posed, out: Path) -> Run:
@@ -69,13 +74,13 @@ def _begun(posed: Posed, out: Path) -> Run:
     return run
 
 
-def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) -> tuple[Outcome, report.Verdict]:
+def _tune(console: Console, posed: Posed, begun: Run, out: Path) -> tuple[Outcome, report.Verdict]:
     """One problem, from its configuration on disk to its report."""
     files.write(out / "config.toml", configuration.dump(posed.config))
     try:
-        outcome = _solve(arguments, compiled(posed), begun, out)
-        say(arguments, "judging on tuning and validation scenarios ...")
-        return outcome, _conclude(arguments, outcome, out)
+        outcome = _solve(console, compiled(posed), begun, out)
+        console.say("judging on tuning and validation scenarios ...")
+        return outcome, _conclude(console, outcome, out)
     except jax.errors.JaxRuntimeError as error:
         if not distributed.joined():
             raise
@@ -85,7 +90,7 @@ def _tune(arguments: argparse.Namespace, posed: Posed, begun: Run, out: Path) ->
         raise RunFailed(str(error)) from error
 
 
-def _choose(arguments: argparse.Namespace, config: Config) -> int:
+def _choose(arguments: argparse.Namespace, console: Console, config: Config) -> int:
     """Every combination of the choices, tuned in a folder of its own to the reference of the first."""
     keys, lists = list(config.tune.choices), list(config.tune.choices.values())
     combinations = [dict(zip(keys, values, strict=True)) for values in itertools.product(*lists)]
@@ -94,17 +99,17 @@ def _choose(arguments: argparse.Namespace, config: Config) -> int:
         variant = configuration.load(arguments.config, overrides(arguments), faults, more)
         configs.append(dataclasses.replace(variant, tune=dataclasses.replace(variant.tune, choices={})))
     problems = [pose(variant) for variant in configs]
-    out = same_folder(arguments, config) if arguments.resume else new_folder(arguments)
+    out = _folder(arguments, config)
     files.write(out / "config.toml", configuration.dump(config))
     rows, best, budget = [], None, None
     for i, (more, posed) in enumerate(zip(combinations, problems, strict=True)):
         folder = out / f"choice-{i}"
         folder.mkdir(exist_ok=True)
         label = ", ".join(f"{key} = {value}" for key, value in more.items())
-        say(arguments, f"choice {i + 1} of {len(combinations)}: {label}")
+        console.say(f"choice {i + 1} of {len(combinations)}: {label}")
         posed = posed.to(budget)
         try:
-            outcome, found = _tune(arguments, posed, _begun(posed, folder), folder)
+            outcome, found = _tune(console, posed, _begun(posed, folder), folder)
         except RunFailed as error:
             rows.append([folder.name, f"{label}: {error}", np.inf, "no", *[""] * len(posed.tuner.free.names)])
             continue
@@ -133,7 +138,7 @@ def _choose(arguments: argparse.Namespace, config: Config) -> int:
     )
     files.write(out / "choices.md", text)
     files.write(out / "gains.toml", (best[1] / "gains.toml").read_bytes())
-    say(arguments, text, f"gains of {best[1].name} and this table written to {out}")
+    console.say(text, f"gains of {best[1].name} and this table written to {out}")
     if best[2]:
         raise RunFailed("; ".join(best[2]))
     return 0
@@ -171,17 +176,16 @@ def compiled(posed: Posed) -> Posed:
     return posed._replace(adversary=dataclasses.replace(adversary, climbing=climb, looking=look))
 
 
-def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> Outcome:
+def _solve(console: Console, posed: Posed, run: Run, out: Path) -> Outcome:
     """Iterate with a bar; save now and then, at the end, and when interrupted."""
     tuner, every = posed.tuner, posed.config.tune.checkpoint_every
     names, latest = tuner.free.names, [run]
-    say(
-        arguments,
+    console.say(
         f"tuning {', '.join(names)} on {posed.config.ensemble.size} scenarios; the first start compiles for a minute",
     )
     checkpoint.write_log(out, names, run)
     done = max(p.iteration for p in run.searches)
-    bar = tqdm(total=tuner.iterations, initial=done, disable=arguments.quiet, unit="it", mininterval=0.5)
+    bar = console.bar(tuner.iterations, "it", done)
 
     def each(run: Run) -> None:
         if lost:
@@ -200,7 +204,7 @@ def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> 
         if lost:
             raise KeyboardInterrupt
         bar.refresh()
-        say(arguments, "\nlooking for the worst scenario ...")
+        console.say("\nlooking for the worst scenario ...")
 
     try:
         with interrupts() as lost:
@@ -218,7 +222,7 @@ def _solve(arguments: argparse.Namespace, posed: Posed, run: Run, out: Path) -> 
                 files.write(out / "gains.toml", configuration.gains_table(tuner.best(latest[0].lead)))
 
 
-def _conclude(arguments: argparse.Namespace, outcome: Outcome, out: Path) -> report.Verdict:
+def _conclude(console: Console, outcome: Outcome, out: Path) -> report.Verdict:
     """Judge, draw, and write the report."""
     config, tuned, names = outcome.posed.config, outcome.controller, outcome.posed.tuner.free.names
     found, unseen = verdict(outcome)
@@ -234,7 +238,7 @@ def _conclude(arguments: argparse.Namespace, outcome: Outcome, out: Path) -> rep
     text = report.page(outcome, found)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Tuned gains"))
-    say(arguments, text, f"gains, report and figures written to {out}; begin with {out}/report.html")
+    console.say(text, f"gains, report and figures written to {out}; begin with {out}/report.html")
     return found
 
 

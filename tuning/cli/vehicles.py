@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from tqdm import tqdm
-
 from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..config.load import BUILT_IN
 from ..io import files
 from ..tune.rules import faults
-from .console import RunFailed, say, ticker
 from .folders import new_folder
 from .prepare import configure, overrides
 
@@ -24,21 +21,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.config:
         rule = f"left out: this command looks at {', '.join(BUILT_IN)}; tune any other with `agvjax tune --config`"
         raise InputError([Fault("--config", name, rule) for name in arguments.config])
-    configure(arguments, faults)
+    console = configure(arguments, faults)[1]
     configs = {name: configuration.load([name], overrides(arguments), faults) for name in BUILT_IN}
-    out = new_folder(arguments)
+    out = new_folder(arguments.out, arguments.command)
     for name, config in configs.items():
         files.write(out / f"config-{name}.toml", configuration.dump(config))
-    (out / "config.toml").unlink()
-    from ..studies.vehicles import (
-        page,  # late: what they import is not there for everyone
-        study,
-    )
+    from ..studies.vehicles import page, study  # late: the libraries that they import are optional
 
-    with tqdm(total=PARTS, disable=arguments.quiet, unit="part") as bar:
-        try:
-            found = study.study(configs, ticker(bar))
-        except RuntimeError as error:
-            raise RunFailed(str(error)) from error
-    say(arguments, page.write(found, out), f"written to {out}; begin with {out}/report.html")
+    with console.parts(PARTS) as tick:
+        tables = study.study(configs, tick)
+    console.say(page.write(tables, out), f"written to {out}; begin with {out}/report.html")
     return 0

@@ -1,0 +1,5 @@
+"""`python -m tuning.cli` is `agvjax`."""
+
+from .main import run
+
+run()
