@@ -93,7 +93,7 @@ def _animate(console: Console, out: Path, drawn: dict[str, Any]) -> None:
 
     moving = animate.animation(drawn)
     with console.bar(moving.frames, "frame") as bar:
-        files.write_gif(out / "animation.gif", moving, bar.update)
+        files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, bar.update))
 
 
 def _spoken(metrics: agvjax.Metrics, actuators: Sequence[str]) -> dict[str, Any]:

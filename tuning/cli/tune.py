@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import itertools
 from pathlib import Path
@@ -41,12 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     if config.tune.choices:
         return _choose(arguments, console, config)
     posed = pose(config)
-    with contextlib.ExitStack() as left:
-        if distributed.chief():
-            out = _folder(arguments, config)
-        else:
-            out = Path(left.enter_context(distributed.own_folder()))
-        distributed.share(out / checkpoint.CHECKPOINT)
+    with distributed.folder(lambda: _folder(arguments, config), checkpoint.CHECKPOINT) as out:
         begun = _begun(posed, out)
         warn(console, config, "tune", "simulate")
         found = _tune(console, posed, begun, out)[1]

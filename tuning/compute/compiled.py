@@ -1,7 +1,8 @@
-"""A second start that neither traces nor compiles: both are kept on disk, keyed by everything they depend on."""
+"""Traces and compiled programs are kept on disk, so that a second start is fast; the key is all that they depend on."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import os
@@ -9,31 +10,32 @@ import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 import jax
 import numpy as np
 from jax import export
+from jaxtyping import PyTree
 
 import agvjax
 
 from ..io import files
 
-_POOL = ThreadPoolExecutor(2)  # compilers run without Python's lock
+T = TypeVar("T")
 
 
 def folder() -> Path:
-    """Where they are kept: `agvjax` under XDG_CACHE_HOME or ~/.cache. Safe to delete."""
+    """Where all this is kept: `agvjax` under XDG_CACHE_HOME or ~/.cache. Safe to delete."""
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "agvjax"
 
 
 def keep_compiled() -> None:
-    """Let JAX keep what it compiles, however quickly it was compiled; apart for each kind of processor."""
+    """Let JAX keep what it compiles, even if that took no time; in a folder for each kind of processor."""
     jax.config.update("jax_compilation_cache_dir", str(folder() / f"xla-{_machine()}"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
-def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callable[..., Any]:
+def traced(function: Callable[..., T], settings: str, *example: PyTree) -> Callable[..., T]:
     """`function` compiled, its trace taken from disk if the same code traced it before for the same settings.
 
     Args:
@@ -56,41 +58,50 @@ def traced(function: Callable[..., Any], settings: str, *example: Any) -> Callab
     return _committed(module, example)
 
 
-class Ahead:
-    """A function that is being made ready in the background; whoever calls it first waits for it."""
+class Ahead(Generic[T]):
+    """A function that is compiled in the background; the first call waits until it is ready."""
 
-    def __init__(self, function: Callable[..., Any], settings: str, *example: Any, after: Ahead | None = None):
-        """As `traced`; `after` goes first, undisturbed."""
+    def __init__(self, function: Callable[..., T], settings: str, *example: PyTree, after: Ahead[PyTree] | None = None):
+        """As `traced`, begun when `after` is ready."""
 
-        def make() -> Callable[..., Any]:
+        def make() -> Callable[..., T]:
             if after is not None:
-                after.made.result()
+                after.ready.result()
             return traced(function, settings, *example)
 
-        self.made = _POOL.submit(make)
+        self.ready = _pool().submit(make)
 
-    def __call__(self, *arguments: Any) -> Any:
-        """What the function returns."""
-        return self.made.result()(*arguments)
+    def __call__(self, *arguments: PyTree) -> T:
+        """Call the compiled function."""
+        return self.ready.result()(*arguments)
 
 
-def meanwhile(function: Callable[..., Any], *arguments: Any) -> None:
-    """Call a function in the background after all that, for the sake of what it compiles."""
-    _POOL.submit(function, *arguments)
+def meanwhile(function: Callable[..., object], *arguments: PyTree) -> None:
+    """Call a function in the background, after all that is compiled there, so that what it compiles is ready too."""
+    _pool().submit(function, *arguments)
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    """Two threads, made when first used: compilers run without Python's lock."""
+    return ThreadPoolExecutor(2)
 
 
 def _machine() -> str:
-    """Of this processor: what was compiled for another may not run on it, and a home may be shared by both."""
+    """A key of the processor: a program compiled for another one may not run here, and both may share a home folder."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        told = sorted({line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))})
+        facts = sorted({line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))})
     except OSError:
-        told = [platform.processor()]
-    return hashlib.sha256(repr((platform.machine(), told)).encode()).hexdigest()[:8]
+        facts = [platform.processor()]
+    return hashlib.sha256(repr((platform.machine(), facts)).encode()).hexdigest()[:8]
 
 
-def _committed(module: export.Exported, example: tuple[Any, ...]) -> Callable[..., Any]:
-    """Compiled. What was exported for several devices needs its arguments on all; what comes back is on the first."""
+def _committed(module: export.Exported, example: tuple[PyTree, ...]) -> Callable[..., PyTree]:
+    """The compiled module. One that was exported for several devices needs its arguments on all of them.
+
+    The result is on the first device.
+    """
     devices = jax.local_devices()[: module.nr_devices]
     mesh = jax.sharding.Mesh(np.array(devices), ("scenarios",))
     everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())

@@ -1,17 +1,18 @@
-"""Tuning on several machines: every process runs the same program, `evaluate` shares the scenarios between them all.
+"""Tuning on several machines: every process runs the same program, and `evaluate` shares the scenarios among them.
 
-Numbers that go into what all processes compute must be the same in each, and on the host; what comes out is too.
+Arguments of what they compute together must be NumPy arrays, the same in every process; so are the results.
 """
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 HEARTBEAT = 20  # s without a sign of life after which a process is given up, and with it the run
 
@@ -32,19 +33,19 @@ def join(coordinator: str | None, count: int | None, rank: int | None) -> None:
 
 
 def joined() -> bool:
-    """Whether there are other processes."""
+    """Whether other processes compute with this one."""
     return jax.distributed.is_initialized() and jax.process_count() > 1
 
 
 def chief() -> bool:
-    """Whether this process speaks and writes for all."""
+    """Whether this is the process that prints and writes: the first, or the only one."""
     return not joined() or jax.process_index() == 0
 
 
-def gathered(compute: Callable[..., Any]) -> Callable[..., Any]:
-    """A jitted function whose result is at hand in every process, on one device, however many took part."""
+def gathered(compute: Callable[..., PyTree]) -> Callable[..., PyTree]:
+    """A jitted function whose result is on one device of every process, however many devices computed it."""
 
-    def call(*arguments: Any) -> Any:
+    def call(*arguments: PyTree) -> PyTree:
         if not joined():
             return jax.device_put(compute(*arguments), jax.local_devices()[0])
         return jax.tree.map(np.asarray, compute(*jax.tree.map(np.asarray, arguments)))
@@ -52,11 +53,27 @@ def gathered(compute: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def share(path: Path) -> None:
-    """Give every process the chief's file of this name, or none if the chief has none."""
+@contextlib.contextmanager
+def folder(make: Callable[[], Path], shared: str) -> Iterator[Path]:
+    """The folder to write to: `make` makes that of the first process; the others have one that is deleted again.
+
+    The file of the first process named `shared` is copied to the others, if it is there.
+    """
+    if chief():
+        out = make()
+        _share(out / shared)
+        yield out
+        return
+    with tempfile.TemporaryDirectory(prefix="agvjax-") as name:
+        _share(Path(name) / shared)
+        yield Path(name)
+
+
+def _share(path: Path) -> None:
+    """Copy a file of the first process to all others."""
     if not joined():
         return
-    from jax.experimental import multihost_utils
+    from jax.experimental import multihost_utils  # late: few need it
 
     data = np.frombuffer(path.read_bytes() if chief() and path.exists() else b"", np.uint8)
     size = int(multihost_utils.broadcast_one_to_all(np.int64(data.size)))
@@ -64,8 +81,3 @@ def share(path: Path) -> None:
         whole = multihost_utils.broadcast_one_to_all(data if chief() else np.zeros(size, np.uint8))
         if not chief():
             path.write_bytes(np.asarray(whole, np.uint8).tobytes())
-
-
-def own_folder() -> tempfile.TemporaryDirectory[str]:
-    """Where a process that is not the chief writes what nobody will read."""
-    return tempfile.TemporaryDirectory(prefix="agvjax-")

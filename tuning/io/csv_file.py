@@ -5,36 +5,19 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-UNITS = {
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
-    "m": 1.0,
-    "cm": 1e-2,
-    "mm": 1e-3,
-    "rad": 1.0,
-    "deg": np.pi / 180,
-    "m/s": 1.0,
-    "mm/s": 1e-3,
-    "km/h": 1 / 3.6,
-    "rad/s": 1.0,
-    "deg/s": np.pi / 180,
-    "rpm": np.pi / 30,
-    "m/s^2": 1.0,
-    "rad/s^2": 1.0,
-    "deg/s^2": np.pi / 180,
-    "Nm": 1.0,
-    "mNm": 1e-3,
+UNITS = {  # what one of the unit is in SI
+    **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
+    **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
+    **{"m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
 }
 
 
 class Column(NamedTuple):
-    """Where a quantity stands in a file, in which unit (without one it is SI), and a factor on what stands there."""
+    """A column of a file: its name there, its unit (empty: the SI unit), and a factor on its numbers."""
 
     column: str
     unit: str = ""
@@ -42,17 +25,25 @@ class Column(NamedTuple):
 
 
 def read(
-    file: Any,
+    file: str | Path,
     columns: Sequence[str],
     optional: Sequence[str] = (),
     least: int = 2,
     time: str = "t",
     blank: Sequence[str] = (),
 ) -> dict[str, np.ndarray]:
-    """Columns of a CSV file by the names in its first row; of the optional ones those that are there.
+    """Columns of a CSV file by the names in its first row; the other columns are not looked at.
 
-    The column `time` must increase from row to row. An empty cell is NaN in the `blank` columns and wrong in others.
-    Columns not named are left alone.
+    Args:
+        file: the CSV file.
+        columns: that must be there.
+        optional: columns that are read where they are there.
+        least: how many rows there must be below the header.
+        time: the column whose numbers must increase from row to row.
+        blank: columns in which an empty cell is allowed; it reads as NaN.
+
+    Returns:
+        For each column its numbers, shape (rows,).
 
     Raises:
         ValueError: names the file and what is wrong with it: the row, the column and the rule.
@@ -61,6 +52,25 @@ def read(
     if not rows:
         raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
     header = [name.strip() for name in rows[0][1]]
+    wanted = _wanted(file, header, columns, optional)
+    if len(rows) - 1 < least:
+        raise ValueError(f"{file} must have at least {least} rows below its header; it has {len(rows) - 1}")
+    for line, cells in rows[1:]:
+        if len(cells) != len(header):
+            raise ValueError(f"{file}, row {line}: must have {len(header)} cells like its header; it has {len(cells)}")
+    table = {}
+    for name in wanted:
+        place, empty = header.index(name), name in blank
+        table[name] = np.array([_cell(file, line, name, cells[place], empty) for line, cells in rows[1:]])
+    if time in table and np.any(np.diff(table[time]) <= 0):
+        at = int(np.argmax(np.diff(table[time]) <= 0))
+        now, before = (f"{table[time][i]:.15g}" for i in (at + 1, at))
+        raise ValueError(f"{file}, row {rows[at + 2][0]}, column {time}: {now} must be above {before}, the time before")
+    return table
+
+
+def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optional: Sequence[str]) -> list[str]:
+    """The columns to read, each of which must stand in the header once."""
     missing = [name for name in columns if name not in header]
     if missing and len(header) == 1 and (other := next((c for c in ";\t" if c in header[0]), "")):
         name = {";": "semicolons", "\t": "tabs"}[other]
@@ -71,31 +81,19 @@ def read(
     double = [name for name in wanted if header.count(name) > 1]
     if double:
         raise ValueError(f"{file} has more than one column {', '.join(double)}")
-    if len(rows) - 1 < least:
-        raise ValueError(f"{file} must have at least {least} rows below its header; it has {len(rows) - 1}")
-    for line, cells in rows[1:]:
-        if len(cells) != len(header):
-            raise ValueError(f"{file}, row {line}: must have {len(header)} cells like its header; it has {len(cells)}")
-    found = {}
-    for name in wanted:
-        place = header.index(name)
-        empty = name in blank
-        found[name] = np.array([_cell(file, line, name, cells[place], empty) for line, cells in rows[1:]])
-    if time in found and np.any(np.diff(found[time]) <= 0):
-        at = int(np.argmax(np.diff(found[time]) <= 0))
-        now, before = (f"{found[time][i]:.15g}" for i in (at + 1, at))
-        raise ValueError(f"{file}, row {rows[at + 2][0]}, column {time}: {now} must be above {before}, the time before")
-    return found
+    return wanted
 
 
-def _rows(file: Any) -> list[tuple[int, list[str]]]:
-    """The rows that hold something, each with its number in the file."""
+def _rows(file: str | Path) -> list[tuple[int, list[str]]]:
+    """The rows that are not empty, each with its line number in the file."""
     try:
         text = Path(file).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{file} is no text file in UTF-8") from error
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
+    except ValueError as error:  # a name that no file can have
+        raise ValueError(f"{file} cannot be read: {error}") from error
     if "\0" in text:
         raise ValueError(f"{file} is no text file")
     reader = csv.reader(text.splitlines())
@@ -105,7 +103,7 @@ def _rows(file: Any) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{file}, row {reader.line_num}: {error}") from error
 
 
-def _cell(file: Any, line: int, name: str, text: str, blank: bool = False) -> float:
+def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:
     if blank and not text.strip():
         return np.nan
     try:

@@ -1,4 +1,4 @@
-"""Files, each whole or absent."""
+"""Writers of files: a crash leaves the whole old file or the whole new one, never a part."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ import io
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from jaxtyping import ArrayLike
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write(path: Path, data: str | bytes) -> None:
-    """Write a file so that a crash leaves the old one or the new one, never a part."""
+    """Write text or bytes."""
     part = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.part")  # others may write the same file
     try:
         with part.open("wb") as file:
@@ -28,33 +32,36 @@ def write(path: Path, data: str | bytes) -> None:
         raise
 
 
-def write_npz(path: Path, arrays: dict[str, Any]) -> None:
-    """Arrays under their names, without pickle."""
+def write_by(path: Path, save: Callable[[BinaryIO], object]) -> None:
+    """Write what `save` puts into the binary file that it is called with."""
     buffer = io.BytesIO()
-    plain: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
-    if pickled := [name for name, value in plain.items() if value.dtype.hasobject]:
-        raise TypeError(f"no arrays of plain numbers or text: {pickled}")
-    np.savez(buffer, **plain)  # `allow_pickle` is an array's name to NumPy 2.0
+    save(buffer)
     write(path, buffer.getvalue())
 
 
-def write_json(path: Path, data: Any) -> None:
-    """JSON for people and scripts; infinities and NaN become null, which JSON can say."""
+def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
+    """Write arrays under their names, without pickle."""
+    plain: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    if pickled := [name for name, value in plain.items() if value.dtype.hasobject]:
+        raise TypeError(f"no arrays of plain numbers or text: {pickled}")
+    write_by(path, lambda file: np.savez(file, **plain))  # `allow_pickle` is an array's name to NumPy 2.0
 
-    def plain(x: Any) -> Any:
+
+def write_json(path: Path, data: object) -> None:
+    """Write JSON; infinities and NaN become null, because JSON has no such numbers."""
+
+    def plain(x: object) -> object:
         if isinstance(x, dict):
             return {key: plain(value) for key, value in x.items()}
         if isinstance(x, (list, tuple)):
             return [plain(value) for value in x]
-        if isinstance(x, float):
-            return x if np.isfinite(x) else None
-        return x
+        return None if isinstance(x, float) and not np.isfinite(x) else x
 
     write(path, json.dumps(plain(data), indent=2) + "\n")
 
 
-def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """A table; numbers in full precision."""
+def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write a table with a header; numbers in full precision."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(header)
@@ -62,17 +69,6 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
     write(path, buffer.getvalue())
 
 
-def write_figure(path: Path, figure: Any) -> None:
-    """A matplotlib figure, as PNG or PDF by the name of the file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=path.suffix[1:], dpi=130)
-    write(path, buffer.getvalue())
-
-
-def write_gif(path: Path, animation: Any, tick: Callable[[], Any] | None = None) -> None:
-    """An animation as GIF; `tick` is called every frame."""
-    from agvjax.draw.animate import write_gif  # late: it draws
-
-    buffer = io.BytesIO()
-    write_gif(animation, buffer, tick)
-    write(path, buffer.getvalue())
+def write_figure(path: Path, figure: Figure) -> None:
+    """Write a figure in the format that the name of the file ends with."""
+    write_by(path, lambda file: figure.savefig(file, format=path.suffix[1:], dpi=130))

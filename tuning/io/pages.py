@@ -6,33 +6,8 @@ import base64
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from markdown_it import MarkdownIt
-
-
-def grid(header: Sequence[str], lines: Sequence[Sequence[Any]]) -> str:
-    """A Markdown table."""
-    text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in lines]
-    rows = ["| " + " | ".join(line) + " |" for line in (list(header), *text)]
-    return "\n".join([rows[0], "|" + "---|" * len(header), *rows[1:]])
-
-
-def html(text: str, folder: Path, title: str) -> str:
-    """One self-contained page: the Markdown with its figures inside."""
-    body = MarkdownIt("commonmark").enable("table").render(text)
-
-    def inside(match: Any) -> str:
-        picture = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
-        return f'src="data:image/{match.group(2)};base64,{picture}"'
-
-    body = re.sub(r'src="([\w.]+\.(png|gif))"', inside, body)
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head>
-<body>
-{body}</body></html>
-"""
-
 
 STYLE = (
     "body{font:15px/1.5 Georgia,serif;max-width:62em;margin:2em auto;padding:0 1em;color:#111}"
@@ -42,3 +17,26 @@ STYLE = (
     "th{border-bottom:2px solid #555}"
     "img{max-width:100%;height:auto;display:block;margin:.5em auto}code{background:#f2f2f2;padding:0 .2em}"
 )
+
+
+def grid(header: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
+    """A Markdown table; numbers with four digits."""
+    text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in lines]
+    rows = ["| " + " | ".join(line) + " |" for line in (list(header), *text)]
+    return "\n".join([rows[0], "|" + "---|" * len(header), *rows[1:]])
+
+
+def html(text: str, folder: Path, title: str) -> str:
+    """A page of HTML that needs no other file: the Markdown `text` with its figures, which lie in `folder`, inside."""
+    body = MarkdownIt("commonmark").enable("table").render(text)
+
+    def inside(match: re.Match[str]) -> str:
+        picture = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
+        return f'src="data:image/{match.group(2)};base64,{picture}"'
+
+    body = re.sub(r'src="([\w.]+\.(png|gif))"', inside, body)
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head>
+<body>
+{body}</body></html>
+"""

@@ -30,7 +30,7 @@ def write(study: Study, out: Path) -> str:
     if study.robot:
         files.write_figure(out / "robot.png", _robots(study))
         moving = {name: study.runs["robot"][SHOWN, name] for name in ("paper's gains", "tuned gains")}
-        files.write_gif(out / "robot.gif", animate.animation(moving))
+        files.write_by(out / "robot.gif", lambda file: animate.write_gif(animate.animation(moving), file))
     files.write_json(out / "findings.json", findings(study))
     text = page(study)
     files.write(out / "report.md", text)
