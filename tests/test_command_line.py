@@ -618,7 +618,7 @@ def test_help_names_both_commands(capsys):
 
 def test_help_needs_no_jax():
     code = (
-        "import sys; from tuning.cli import main\ntry: main(['--help'])\nexcept SystemExit: print('jax' in sys.modules)"
+        "import sys; from tuning.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: print('jax' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "False"

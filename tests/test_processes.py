@@ -100,7 +100,7 @@ def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_pat
         path.unlink()
 
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size // 2}, {size // 2}))"
-    limited = ("-c", f"{limit}; from tuning.cli import run; run()")  # Python ignores the signal of it by itself
+    limited = ("-c", f"{limit}; from tuning.cli.main import run; run()")  # Python ignores the signal of it by itself
     process = start(swept(out, "--set", "sweep.shard=4000", "--quiet"), limited)
     _, said = process.communicate(timeout=300)
     assert process.returncode == 1 and "Traceback" not in said
