@@ -21,7 +21,7 @@ from tuning.ensemble.draws import Span, uniform
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
 
 

@@ -18,7 +18,7 @@ import agvjax
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
 TUNE = [
     *FAST,
@@ -617,8 +617,6 @@ def test_help_names_both_commands(capsys):
 
 
 def test_help_needs_no_jax():
-    code = (
-        "import sys; from tuning.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: print('jax' in sys.modules)"
-    )
+    code = "import sys; from tuning.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: print('jax' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "False"

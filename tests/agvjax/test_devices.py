@@ -95,7 +95,7 @@ def test_metrics_and_derivatives_do_not_depend_on_the_devices():
 
 @pytest.mark.slow
 def test_the_kernel_for_gpus_agrees_with_evaluate():
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     command = [sys.executable, "-m", "benchmarks.gpu", "--interpret", "--batches", "8", "--block", "4", "--steps", "20"]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

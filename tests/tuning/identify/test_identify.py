@@ -24,7 +24,7 @@ from tuning.identify.excitation import Designer, Room, candidate
 from tuning.identify.log import Column, load, together
 from tuning.identify.segments import Segments, cut, noise
 
-LOGS = Path(__file__).parents[1] / "notebooks" / "logs"
+LOGS = Path(__file__).parents[3] / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 

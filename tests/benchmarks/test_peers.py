@@ -39,7 +39,7 @@ def batch():
 @pytest.fixture(autouse=True)
 def as_at_home(monkeypatch):
     """The peers are found beside the benchmark, and JAX promotes as its libraries expect."""
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[1] / "benchmarks"), *sys.path])
+    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[2] / "benchmarks"), *sys.path])
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
 

@@ -14,6 +14,7 @@ import agvjax
 import tuning
 from tuning import config as configuration
 from tuning.cli import main as cli
+from tuning.config.load import BUILT_IN
 
 SHORT = ["simulate.horizon=0.2", "simulate.save_every=10"]
 BRIEF = ["ensemble.size=4", "ensemble.validation_size=4", "tune.iterations=3", "simulate.horizon=1"]
@@ -24,7 +25,7 @@ def options(values):
     return [word for value in values for word in ("--set", value)]
 
 
-@pytest.mark.parametrize("name", configuration.BUILT_IN)
+@pytest.mark.parametrize("name", BUILT_IN)
 def test_built_in_vehicles_are_sound_and_read_back_as_they_are(name):
     for command in ("tune", "sweep", "simulate"):
         config = configuration.load([name], [], command)
