@@ -128,11 +128,16 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="agvjax", description=description)
     top.set_defaults(coordinator=None)  # of the commands that have no such option
     commands = top.add_subparsers(dest="command", required=True)
+    common = _with(argparse.ArgumentParser(add_help=False), COMMON)
     for name, command in COMMANDS.items():
-        one = commands.add_parser(name, help=command.help)
-        for option in (*COMMON, *command.options):
-            one.add_argument(*option.names, **option.keywords)
+        _with(commands.add_parser(name, help=command.help, parents=[common]), command.options)
     return top
+
+
+def _with(parser: argparse.ArgumentParser, options: Sequence[Option]) -> argparse.ArgumentParser:
+    for option in options:
+        parser.add_argument(*option.names, **option.keywords)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
