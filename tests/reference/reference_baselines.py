@@ -1,4 +1,4 @@
-"""Independent plain-Python reference of the laws of SPEC sections 2, 5 and 6 that `reference.py` does not have.
+"""Independent plain-Python reference of the baselines, ablations and extensions of the law.
 
 Written from the written laws alone, to check the package against; it must never import it. Numbers are plain floats:
 for one vehicle they are several times faster than small arrays. A vehicle is (x, y, vx, vy, psi); a reference r is
@@ -174,7 +174,7 @@ class FTSMC:
 class SuperTwisting(FTSMC):
     """The same surface reached by u = equivalent - k1 |s|^.5 sat(s/eps) + v, v' = -k2 sat(s/eps).
 
-    Not in SPEC: Levant's law with ASMC's boundary layer in the place of its sign.
+    Levant's law with ASMC's boundary layer in the place of its sign.
     """
 
     eps: float = 0.05

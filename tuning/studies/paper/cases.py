@@ -56,7 +56,7 @@ def faults(controller: Any, scenario: Any) -> list[agvjax.Fault]:
 
 
 def matched(law: str, p: float, like: Any) -> Any:
-    """A law's gains for the closed-loop bandwidth p [1/s] (SPEC's fact b); what p does not set is that of `like`."""
+    """A law's gains for the closed-loop bandwidth p [1/s] ; what p does not set is that of `like`."""
     gains: dict[str, dict[str, float]] = {
         "proposed": {"k1": p, "k2": p, "Lam": 0.04 * p**2, "k3": 0.6 * p, "Lam_psi": 0.0625 * (0.6 * p) ** 2},
         "osfc": {"kp": p**2, "kd": 2 * p, "kpsi": 0.6 * p, "wo": max(20.0, 3 * p), "wow": max(20.0, 3 * p)},

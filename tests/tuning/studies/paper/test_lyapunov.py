@@ -358,7 +358,7 @@ def test_corrected_bounds_hold_where_the_printed_are_vacuous(reports):
 
 
 def test_the_printed_bound_is_vacuous_in_every_scenario(batch, runs):
-    """(50): b1^2/2 alone over a1 = 0.001 makes it 31.6 m (SPEC, fact d), whatever the network fits."""
+    """(50): b1^2/2 alone over a1 = 0.001 makes it 31.6 m, whatever the network fits."""
     for since in (0.0, bounds.LATE):
         found = jax.vmap(lyapunov.constants, in_axes=(None, batch.axes, 0, None))(
             NeuroBackstepping(), batch.scenario, runs, since
@@ -378,7 +378,7 @@ def test_the_papers_own_scenario(reports):
 
 
 def test_bounds_hold_where_the_network_matters(batch, roll):
-    """At b1 = b2 = 0.1 the network is stronger than the gains beside it (SPEC, fact a)."""
+    """At b1 = b2 = 0.1 the network is stronger than the gains beside it."""
     strong = NeuroBackstepping(b1=0.1, b2=0.1)
     found = reported(strong, batch, roll(strong))
     for r in found:
