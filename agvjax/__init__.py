@@ -23,7 +23,6 @@ silent or contradicts itself is marked `reading R..` where it matters.
 """
 
 from ._pytree import number as number
-from ._pytree import pytree as pytree
 from .actuators.chain import Chain as Chain
 from .actuators.deadzone import Deadzone as Deadzone
 from .actuators.elements import Backlash as Backlash
@@ -55,6 +54,7 @@ from .controllers import Oustaloup as Oustaloup
 from .controllers import Sampled as Sampled
 from .controllers import SuperTwistingFTSMC as SuperTwistingFTSMC
 from .controllers.network import RadialBasis as RadialBasis
+from .decorator import pytree as pytree
 from .disturbance import BandLimitedNoise as BandLimitedNoise
 from .disturbance import Cosine as Cosine
 from .disturbance import CosineSum as CosineSum
@@ -64,11 +64,11 @@ from .disturbance import Recorded as Recorded
 from .disturbance import Step as Step
 from .disturbance import Tone as Tone
 from .engine.xla import tune_xla as tune_xla
+from .errors import Fault as Fault
+from .errors import InputError as InputError
 from .evaluate import Batch as Batch
 from .evaluate import batch as batch
 from .evaluate import evaluate as evaluate
-from .errors import Fault as Fault
-from .errors import InputError as InputError
 from .feasible import demands as demands
 from .feasible import path_warnings as path_warnings
 from .integrate import EULER as EULER
@@ -111,6 +111,15 @@ from .plants import SteeringLimits as SteeringLimits
 from .plants import TorqueDrive as TorqueDrive
 from .plants import TurnedVelocity as TurnedVelocity
 from .plants import Unicycle as Unicycle
+from .protocols import Disturbance as Disturbance
+from .protocols import Element as Element
+from .protocols import Heading as Heading
+from .protocols import Law as Law
+from .protocols import Motion as Motion
+from .protocols import Path as Path
+from .protocols import Plant as Plant
+from .protocols import Reach as Reach
+from .protocols import Sensor as Sensor
 from .scenario import Scenario as Scenario
 from .sensor import Noise as Noise
 from .simulate import Trajectory as Trajectory

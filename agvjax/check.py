@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 import jax.numpy as jnp
 import numpy as np
 
-from .actuators.chain import Chain
-from .actuators.elements import Delay
 from .errors import Fault, InputError
 from .integrate import Integrator
 from .leaves import cast, children
+from .protocols import Law
+from .scenario import Scenario
 
 T = TypeVar("T")
 COARSE = 0.01  # error of a mode beyond which a step is worth a word
@@ -47,7 +47,7 @@ def _broken(key: str, value: Any, field: Any) -> list[Fault]:
 
 
 def step_faults(
-    controller: Any, dt: float, horizon: float, integrator: Integrator, scenario: Any = None
+    controller: Law, dt: float, horizon: float, integrator: Integrator, scenario: Scenario | None = None
 ) -> list[Fault]:
     """What is wrong with a step and a horizon, for this controller, integrator and, if given, scenario."""
     found = []
@@ -55,43 +55,31 @@ def step_faults(
         return [Fault("dt", dt, "finite and > 0", "reading R10")]
     if not (np.isfinite(horizon) and horizon >= dt):
         found.append(Fault("horizon", horizon, f"finite and at least one step, {dt:g} s", "reading R10"))
-    steps = float(controller.period) / dt if hasattr(controller, "period") else 1.0
+    period = controller.control_period()
+    interval = dt if period is None else float(period)  # s between changes of what is asked of the actuators
+    steps = interval / dt
     if abs(steps - max(round(steps), 1)) > 1e-6 * steps:
-        rule = f"a whole fraction of the law's period, {float(controller.period):g} s"
-        found.append(Fault("dt", dt, rule, "zero-order hold"))
-    if hasattr(controller, "poles"):
-        limit = integrator.stable_step(controller.poles())
-        if dt > limit:
-            fastest, source = getattr(controller, "fastest", ("law's fastest part", ""))
-            rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes the {fastest} diverge"
-            found.append(Fault("dt", dt, rule, source))
-    for name, chain in () if scenario is None else scenario.actuators.items():
-        between = float(controller.period) if hasattr(controller, "period") else dt
-        found += _element_problems(f"actuators.{name}", chain, dt, between, integrator)
+        found.append(Fault("dt", dt, f"a whole fraction of the law's period, {interval:g} s", "zero-order hold"))
+    fastest, source = controller.fastest
+    found += _unstable(f"the {fastest}", controller.poles(), dt, integrator, source)
+    for name, part in {} if scenario is None else scenario.actuators.items():
+        for key, element in part.elements(f"actuators.{name}"):
+            found += [fault._replace(key=f"{key}.{fault.key}") for fault in element.faults(interval)]
+            found += _unstable(key, np.array(element.poles()), dt, integrator)
     return found
 
 
-def _element_problems(key: str, part: Any, dt: float, between: float, integrator: Integrator) -> list[Fault]:
-    """Elements that a step cannot follow, delays that forget; `between` [s] changes of the input."""
-    if isinstance(part, Chain):
-        parts = ((f"{key}.{name}", p) for name, p in part.items())
-        return [problem for name, p in parts for problem in _element_problems(name, p, dt, between, integrator)]
-    if isinstance(part, Delay):
-        slots = 1 + int(np.ceil((float(part.time) + float(part.jitter)) / between - 1e-9))
-        if part.slots < slots:
-            rule = f"at least {slots}, to remember every change of its input, one each {between:g} s"
-            return [Fault(f"{key}.slots", part.slots, rule)]
-    elif hasattr(part, "poles"):
-        limit = integrator.stable_step(np.array(part.poles()))
-        if dt > limit:
-            return [Fault("dt", dt, f"at most {limit:.3g} s: beyond, {integrator.name} makes {key} diverge")]
-    return []
+def _unstable(part: str, poles: np.ndarray, dt: float, integrator: Integrator, source: str = "") -> list[Fault]:
+    """A step of `dt` [s] that makes a part with these poles [1/s] diverge."""
+    limit = integrator.stable_step(poles)
+    rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes {part} diverge"
+    return [Fault("dt", dt, rule, source)] if dt > limit else []
 
 
-def step_warnings(controller: Any, dt: float, integrator: Integrator) -> list[str]:
+def step_warnings(controller: Law, dt: float, integrator: Integrator) -> list[str]:
     """Gains that a stable step follows badly: a mode they set is off by more than 1 % over its own time constant."""
-    rates = controller.rates() if hasattr(controller, "rates") else {}
-    errors = {gain: max((integrator.error(pole * dt) for pole in poles), default=0.0) for gain, poles in rates.items()}
+    rates = controller.rates().items()
+    errors = {gain: max((integrator.error(pole * dt) for pole in poles), default=0.0) for gain, poles in rates}
     coarse = [f"{gain} ({error:.0%})" for gain, error in errors.items() if error > COARSE]
     return [f"dt = {dt:g} s is coarse: error of the modes that gains set, {', '.join(coarse)}"] if coarse else []
 

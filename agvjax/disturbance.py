@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from ._pytree import ANY, NONNEGATIVE, Rule, number, pytree, structure
 from .hashed import uniform
+from .protocols import Disturbance
 
 INCREASING = Rule("finite and each above the one before", lambda x: np.all(np.diff(x) > 0, axis=-1))
 UNIT = "m/s^2, m/s^2, rad/s"
@@ -24,7 +25,7 @@ CHANNEL_UNIT = "m/s^2; rad/s in the heading"
 
 
 @pytree
-class NoDisturbance:
+class NoDisturbance(Disturbance):
     """Nothing pushes."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -32,7 +33,7 @@ class NoDisturbance:
         return jnp.zeros(3, t.dtype)
 
 
-class _Scaled:
+class _Scaled(Disturbance):
     """What disturbances that split share; each brings its own `shape`."""
 
     def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
@@ -100,7 +101,7 @@ class Tone:
 
 
 @pytree
-class Harmonic:
+class Harmonic(Disturbance):
     """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log."""
 
     x: Tone = Tone()

@@ -17,17 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .actuators.chain import Chain
-from .actuators.deadzone import Deadzone
-from .actuators.elements import Backlash, Delay, Lag, Quantisation, RateLimit, Saturation
 from .engine.loop import actuator
 from .leaves import cast
 from .paths.heading import reference
-from .paths.waypoints import Waypoints
 from .plants import Decoupled, DecoupledState
+from .protocols import Element, Motion, Reach
 
 POINTS = 4001
-ANYTHING = (-np.inf, np.inf, np.inf)
 PAST = 30.0  # lengths L of travel after which where a heading began is forgotten: exp(-30)
 SLACK, TINY = 1e-3, 1e-6  # share of a limit, and what, it may be exceeded by without a word
 UNITS = {
@@ -68,7 +64,7 @@ def demands(scenario: Any, horizon: float, points: int = POINTS) -> Demands:
     smooth, an open `Waypoints` has none at all, it begins later with a body that turns about the centre of curvature.
     """
     path, plant = cast(scenario.path, jnp.result_type(float)), scenario.plant
-    end = float(path.duration) * (1 - 1e-6) if _ends(path, horizon) else float(horizon)
+    end = path.end() * (1 - 1e-6) if _ends(path, horizon) else float(horizon)
     t = np.linspace(0, end, 2 * points - 1)  # every other one is the middle of a step
     velocity, second = _motion(path, t)
     pace = np.abs(velocity)
@@ -76,14 +72,14 @@ def demands(scenario: Any, horizon: float, points: int = POINTS) -> Demands:
     curvature = np.divide(cross, pace**3, out=np.zeros_like(pace), where=pace > 0)
     heading = v = w = np.empty(0)
     needs: dict[str, np.ndarray] = {}
-    if hasattr(plant, "needs") and hasattr(plant, "L"):
+    if isinstance(plant, Decoupled):
+        needs = {name: np.asarray(x, float) for name, x in _decoupled(scenario, path, t[::2]).items()}
+    elif hasattr(plant, "L") and plant.needs(Motion(*np.zeros((4, 1)))):
         L = float(plant.L)
         z = _carried(_begin(path, velocity, curvature, L), velocity, end / (points - 1), L)
         heading = np.unwrap(np.angle(z))
         v, w, a, alpha = _body(velocity[::2], second[::2], z, L)
-        needs = {name: np.asarray(x, float) for name, x in plant.needs(v, w, a, alpha).items()}
-    elif isinstance(plant, Decoupled):
-        needs = {name: np.asarray(x, float) for name, x in _decoupled(scenario, path, t[::2]).items()}
+        needs = {name: np.asarray(x, float) for name, x in plant.needs(Motion(v, w, a, alpha)).items()}
     channels = [name for name in needs if _channel(plant, name) in plant.actuators]
     needs |= {RATE + name: np.gradient(needs[name], t[::2]) for name in channels}
     return Demands(t[::2], pace[::2], curvature[::2], heading, v, w, needs)
@@ -95,9 +91,9 @@ def limits(scenario: Any) -> dict[str, tuple[float, float]]:
     Only what has a limit is named. A `Steered` plant above its `limits.switch` accelerates less than is said here.
     """
     plant = scenario.plant
-    reach = dict(plant.reach()) if hasattr(plant, "reach") else {}
+    reach = dict(plant.reach())
     for name in plant.actuators:
-        low, high, rate = _passed(actuator(scenario, name), ANYTHING)
+        low, high, rate = actuator(scenario, name).reach(Reach())
         least, most = reach.get(name, (-np.inf, np.inf))
         for part in _parts(plant, name):
             reach[part] = (max(low, least), min(high, most))
@@ -120,7 +116,7 @@ def path_warnings(scenario: Any, horizon: float) -> list[str]:
         return [f"the path is not finite at t = {found.t[np.argmin(finite)]:.3g} s"]
     said = []
     if ends:
-        last, pace = float(scenario.path.duration), found.path_speed[-1]
+        last, pace = scenario.path.end(), found.path_speed[-1]
         said.append(f"the path ends after {last:.3g} s of {horizon:.3g} s: it stops at once from {pace:.3g} m/s")
     said += _reverses(found, float(getattr(scenario.plant, "L", 0.0)))
     exceeded = [_exceeded(name, found, *bounds[name]) for name in found.needs if name in bounds]
@@ -128,7 +124,7 @@ def path_warnings(scenario: Any, horizon: float) -> list[str]:
 
 
 def _ends(path: Any, horizon: float) -> bool:
-    return isinstance(path, Waypoints) and not path.closed and float(path.duration) < horizon * (1 - 1e-6)
+    return path.end() < horizon * (1 - 1e-6)
 
 
 @jax.jit
@@ -227,36 +223,10 @@ def _parts(plant: Any, name: str) -> tuple[str, ...]:
     return ("position_x", "position_y") if isinstance(plant, Decoupled) and name == "position" else (name,)
 
 
-def deliverable(part: Any) -> tuple[float, float]:
+def deliverable(part: Element) -> tuple[float, float]:
     """The least and the most that an element or a chain of them can deliver, whatever it is asked for."""
-    return _passed(part, ANYTHING)[:2]
-
-
-def _passed(part: Any, given: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Least, most and fastest rate of what an element delivers of an input within such bounds; it starts from 0."""
-    low, high, rate = given
-    if isinstance(part, Chain):
-        for element in part.values():
-            given = _passed(element, given)
-        return given
-    if isinstance(part, Saturation):
-        return (*np.clip([low, high], float(part.lower), float(part.upper)).tolist(), rate)
-    if isinstance(part, Deadzone):
-        return _at(part, low), _at(part, high), rate * max(float(part.slope_left), float(part.slope_right))
-    if isinstance(part, Quantisation):
-        return _at(part, low), _at(part, high), rate  # on average: it moves in jumps
-    if isinstance(part, Backlash):
-        half = float(part.gap) / 2
-        return min(low + half, 0.0), max(high - half, 0.0), rate
-    if isinstance(part, RateLimit):
-        return min(low, 0.0), max(high, 0.0), min(rate, float(part.rate))
-    if isinstance(part, (Lag, Delay)):
-        return min(low, 0.0), max(high, 0.0), rate if isinstance(part, Lag) else np.inf  # a delay may bring jumps
-    return -np.inf, np.inf, np.inf  # an element that is not ours may deliver anything
-
-
-def _at(part: Any, u: float) -> float:
-    return float(part(jnp.asarray(u))) if np.isfinite(u) else u
+    low, high, _ = part.reach(Reach())
+    return low, high
 
 
 def _reverses(found: Demands, L: Any) -> list[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .metrics import Criteria, Metrics
+from .protocols import Plant
 
 AXES = ("x", "y", "heading")
 
@@ -69,9 +69,9 @@ _UNITS |= {name: "of the actuators" for name in OF_DELIVERED} | {"limited": "sha
 _UNITS |= {"peak_position": "m/s^2", "peak_heading": "rad/s", "settling_time": "s"}
 
 
-def metrics_of(plant: Any) -> tuple[str, ...]:
+def metrics_of(plant: Plant) -> tuple[str, ...]:
     """The metrics that there are for a plant: none of the heading where that cannot be commanded."""
-    heading = getattr(plant, "commands_heading", True)
+    heading = plant.commands_heading
     return tuple(name for name in METRICS if heading or name not in OF_HEADING)
 
 

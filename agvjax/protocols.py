@@ -11,8 +11,8 @@ sensor's and a law's at control instants, an element's and a plant's at the star
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,6 @@ from .messages import Command, Measurement, Reference, Start
 if TYPE_CHECKING:
     from .actuators.deadzone import Deadzone
 
-T = TypeVar("T")
 Inputs = dict[str, Array]  # by actuator, what is asked of it or what it delivers
 Stable = Callable[[np.ndarray], bool]  # whether a step integrates modes with these poles [1/s]
 
@@ -37,7 +36,7 @@ class Law:
 
     tunable: ClassVar[tuple[str, ...] | None] = None  # gains to tune; None: every leaf that is a single number
     heading_gains: ClassVar[tuple[str, ...]] = ()  # those of them that serve the heading alone
-    fastest: ClassVar[tuple[str, str]] = ("law's fastest part", "")  # what has the poles of `poles`, and its source
+    relieves: ClassVar[bool] = False  # whether `relieved` does anything
 
     def init(self, measurement: Measurement, reference: Reference) -> PyTree:
         """The state of a law that starts now."""
@@ -78,8 +77,8 @@ class Law:
         """Squared norms of adapted weights, position and heading; None without a network."""
         return None
 
-    def step(
-        self, state: PyTree, measurement: Measurement, reference: Reference, period: Array, limit: Real | None = None
+    def advance(
+        self, state: PyTree, measurement: Measurement, reference: Reference, period: Real, limit: Real | None = None
     ) -> tuple[Command, PyTree, Bool[Array, ""]]:
         """One period [s] of a digital loop, measurement and reference held over it; by Euler's method.
 
@@ -96,7 +95,7 @@ class Law:
         command, rate = self.law(state, (), measurement, reference)
         return command, jax.tree.map(lambda x, dx: x + period * dx, state, rate), jnp.zeros((), bool)
 
-    def relieved(self, before: PyTree, later: PyTree, missing: Array, limited: Array, period: Array) -> PyTree:
+    def relieved(self, before: PyTree, later: PyTree, missing: Array, limited: Array, period: Real) -> PyTree:
         """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied."""
         return later
 
@@ -110,6 +109,11 @@ class Law:
         """Poles [1/s] of the law's fastest part, which a step of the integrator must suit."""
         return np.array([])
 
+    @property
+    def fastest(self) -> tuple[str, str]:
+        """What has these poles, and its source."""
+        return "law's fastest part", ""
+
     def rates(self) -> dict[str, np.ndarray]:
         """By gain the poles [1/s] of the modes whose speed it sets."""
         return {}
@@ -122,79 +126,17 @@ class Law:
         """By gain what it must exceed for stability, with the smallest deadzone slopes of position and heading."""
         return {}
 
+    def input_limits(self) -> Float[Array, " m"] | None:
+        """How large each input may be that the law asks for; None: as large as it likes."""
+        return None
+
+    def believing(self, plant: Plant) -> Law:
+        """The law with this plant in the place of the one it believes in, where it believes in one of this kind."""
+        return self
+
     def faults(self, plant: Plant) -> list[Fault]:
         """What of the law does not suit a plant; keys are relative to the law."""
         return []
-
-
-class Wrapping(Law):
-    """A law around another, `inner`: whatever is not written anew is the inner law's, its gains named `inner.`."""
-
-    inner: Law
-
-    def init(self, measurement: Measurement, reference: Reference) -> PyTree:
-        """The state of the law inside."""
-        return self.inner.init(measurement, reference)
-
-    def law(
-        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference
-    ) -> tuple[Command, PyTree]:
-        """That of the law inside."""
-        return self.inner.law(flow, memory, measurement, reference)
-
-    def hold(self, measurement: Measurement, reference: Reference) -> PyTree:
-        """The memory of the law inside."""
-        return self.inner.hold(measurement, reference)
-
-    def jump(
-        self, flow: PyTree, memory: PyTree, measurement: Measurement, reference: Reference, h: Float[Array, ""]
-    ) -> PyTree:
-        """That of the law inside."""
-        return self.inner.jump(flow, memory, measurement, reference, h)
-
-    def control_period(self) -> Real | None:
-        """That of the law inside."""
-        return self.inner.control_period()
-
-    def limited(self, memory: PyTree) -> Bool[Array, ""]:
-        """Whether the law inside keeps something back."""
-        return self.inner.limited(memory)
-
-    def state(self, flow: PyTree, memory: PyTree) -> PyTree:
-        """That of the law inside."""
-        return self.inner.state(flow, memory)
-
-    def weight_norms(self, flow: PyTree) -> Float[Array, "2"] | None:
-        """Those of the law inside."""
-        return self.inner.weight_norms(flow)
-
-    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
-        """Those of the law inside."""
-        return tuple(f"inner.{name}" for name in self.inner.gains_to_tune(heading))
-
-    def poles(self) -> np.ndarray:
-        """Those of the law inside."""
-        return self.inner.poles()
-
-    def rates(self) -> dict[str, np.ndarray]:
-        """Those of the law inside."""
-        return _prefixed(self.inner.rates())
-
-    def upper_bounds(self, stable: Stable) -> dict[str, float]:
-        """Those of the law inside."""
-        return _prefixed(self.inner.upper_bounds(stable))
-
-    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
-        """Those of the law inside."""
-        return _prefixed(self.inner.stability_bounds(Pi_min, Pi_psi_min))
-
-    def faults(self, plant: Plant) -> list[Fault]:
-        """Those of the law inside."""
-        return [fault._replace(key=f"inner.{fault.key}") for fault in self.inner.faults(plant)]
-
-
-def _prefixed(named: Mapping[str, T]) -> dict[str, T]:
-    return {f"inner.{name}": value for name, value in named.items()}
 
 
 class Motion(NamedTuple):
@@ -322,13 +264,22 @@ class Disturbance:
 class Reach(NamedTuple):
     """Bounds of a signal."""
 
-    low: float
-    high: float
-    rate: float  # per s
+    low: float = -np.inf
+    high: float = np.inf
+    rate: float = np.inf  # per s
+
+    def through(self, monotonous: Callable[[Array], Array], rate: float) -> Reach:
+        """Bounds of a function of the signal that never falls where the signal rises."""
+        low, high = (float(monotonous(jnp.asarray(u))) if np.isfinite(u) else u for u in (self.low, self.high))
+        return Reach(low, high, rate)
+
+    def from_rest(self, rate: float) -> Reach:
+        """Bounds of what follows the signal from 0."""
+        return Reach(min(self.low, 0.0), max(self.high, 0.0), rate)
 
 
 class Element:
-    """Something between a command and what is delivered: needs `__call__`, or `deliver` where it has state or memory."""
+    """What a command runs through: needs `__call__`, or `deliver` where it has a state or a memory."""
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """What is delivered of the command `u`, same shape and unit."""
@@ -354,13 +305,17 @@ class Element:
         """Whether it is at a limit."""
         return jnp.zeros((), bool)
 
+    def elements(self, key: str) -> Iterator[tuple[str, Element]]:
+        """The elements that it is made of, by dotted name from `key` on: itself, if it is not several."""
+        yield key, self
+
     def poles(self) -> list[float]:
         """Its poles [1/s], which a step of the integrator must suit."""
         return []
 
-    def reach(self, given: Reach) -> Reach:
+    def reach(self, asked: Reach) -> Reach:
         """Bounds of what is delivered of an input within bounds, from 0 at the start; by default it may be anything."""
-        return Reach(-np.inf, np.inf, np.inf)
+        return Reach()
 
     def faults(self, interval: float) -> list[Fault]:
         """What does not suit an input that changes every `interval` [s]; keys are relative to the element."""
@@ -368,11 +323,11 @@ class Element:
 
 
 class Sensor:
-    """What stands between the vehicle and what the controller is told: needs `__call__`."""
+    """What stands between the vehicle and what the controller is told; by default it tells the truth."""
 
     def __call__(self, memory: PyTree, measurement: Measurement) -> Measurement:
         """What the controller is told."""
-        raise NotImplementedError(f"{type(self).__name__} needs __call__(memory, measurement)")
+        return measurement
 
     def hold(self, measurement: Measurement) -> PyTree:
         """The memory before the first control instant."""

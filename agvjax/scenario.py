@@ -10,6 +10,7 @@ from .disturbance import Cosine
 from .messages import Start
 from .paths.shapes import Dumbbell
 from .plants import Decoupled
+from .protocols import Disturbance, Element, Heading, Path, Plant, Sensor
 
 
 @pytree
@@ -22,17 +23,17 @@ class Scenario:
     is latched.
     """
 
-    plant: Any = Decoupled()
-    deadzone: dict[str, Any] = dataclasses.field(default_factory=lambda: Decoupled().deadzones())
-    actuators: dict[str, Any] = dataclasses.field(default_factory=dict)
-    disturbance: Any = Cosine()
-    path: Any = Dumbbell()
-    heading: Any = None
-    sensor: Any = None
+    plant: Plant = Decoupled()
+    deadzone: dict[str, Element] = dataclasses.field(default_factory=lambda: Decoupled().deadzones())
+    actuators: dict[str, Element] = dataclasses.field(default_factory=dict)
+    disturbance: Disturbance = Cosine()
+    path: Path = Dumbbell()
+    heading: Heading | None = None
+    sensor: Sensor | None = None
     start: Start = dataclasses.field(default_factory=Start)
     limit: float = number(1e3, "norm of the vehicle's state", POSITIVE)
 
     @classmethod
-    def of(cls, plant: Any, **fields: Any) -> Scenario:
+    def of(cls, plant: Plant, **fields: Any) -> Scenario:
         """The scenario of another plant: with that plant's nominal deadzones, and `fields` as given."""
         return cls(plant=plant, **({"deadzone": plant.deadzones()} | fields))

@@ -1,13 +1,8 @@
-"""What stands between the vehicle and what the controller is told of it.
-
-A sensor is `sensor(held, measurement) -> measurement`, with `hold(measurement)` and `jump(held, measurement, h)` where
-it has memory, which jumps at control instants.
-"""
+"""What stands between the vehicle and what the controller is told of it."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ._pytree import NONNEGATIVE, number, pytree
 from .messages import Measurement
+from .protocols import Sensor
 
 
 @pytree
@@ -26,7 +22,7 @@ class NoiseMemory:
 
 
 @pytree
-class Noise:
+class Noise(Sensor):
     """White Gaussian noise on what is measured, drawn anew at every control instant; standard deviations.
 
     The numbers depend on the seed and on how many instants there were, on nothing else.
@@ -39,20 +35,20 @@ class Noise:
     seed: float = number(0.0, "1", NONNEGATIVE)
 
     def hold(self, measurement: Measurement) -> NoiseMemory:
-        """Those of the first instant."""
+        """The numbers of the first control instant."""
         return self._at(jnp.zeros_like(measurement.heading))
 
-    def jump(self, held: NoiseMemory, measurement: Measurement, h: Any) -> NoiseMemory:
-        """Those of the next one."""
-        return self._at(held.count + 1)
+    def jump(self, memory: NoiseMemory, measurement: Measurement, h: Array) -> NoiseMemory:
+        """The numbers of the next control instant."""
+        return self._at(memory.count + 1)
 
     def _at(self, count: Array) -> NoiseMemory:
         key = jax.random.fold_in(jax.random.key(jnp.asarray(self.seed).astype(int)), count.astype(int))
         return NoiseMemory(drawn=jax.random.normal(key, (6,), count.dtype), count=count)
 
-    def __call__(self, held: NoiseMemory, measurement: Measurement) -> Measurement:
+    def __call__(self, memory: NoiseMemory, measurement: Measurement) -> Measurement:
         """What the controller is told."""
-        n = held.drawn
+        n = memory.drawn
         return dataclasses.replace(
             measurement,
             position=measurement.position + self.position * n[:2],

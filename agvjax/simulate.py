@@ -12,6 +12,8 @@ from jaxtyping import Array, Bool, Float
 from ._pytree import pytree
 from .engine.rollout import NoMeter, Rollout
 from .integrate import RK4, Integrator
+from .protocols import Law
+from .scenario import Scenario
 from .timing import DT, N_STEPS, Timing
 
 
@@ -36,8 +38,8 @@ class Trajectory:
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator", "dtype"))
 def simulate(
-    controller: Any,
-    scenario: Any,
+    controller: Law,
+    scenario: Scenario,
     *,
     dt: Any = DT,
     n_steps: int = N_STEPS,
@@ -49,13 +51,13 @@ def simulate(
     """Roll one vehicle out: section 4 by default, 12 s in steps of 1 ms (reading R10).
 
     Args:
-        controller: a pytree with `init` and `law`; see `agvjax.controllers`.
+        controller: a law; see `agvjax.Law`.
         scenario: what the controller does not know; see `Scenario`.
         dt: step [s]; traced, so that changing it does not compile again.
         n_steps: number of steps; a multiple of `save_every`.
         save_every: steps between saved samples.
         control_every: steps between control instants, at which a law with memory and a sensor look; a law with a
-            `period` of its own looks every round(period / dt) steps.
+            period of its own looks every round(period / dt) steps.
         integrator: `RK4`, `HEUN` or `EULER`.
         dtype: float32 or float64; None takes JAX's default float.
 
@@ -78,7 +80,7 @@ def simulate(
     )
     carry, samples, last = rollout.run(save_every)
     samples = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), samples, last)
-    norms = getattr(controller, "weight_norms", None)
+    norms = jax.vmap(lambda _, state: controller.weight_norms(state))(samples.time, samples.controller)
     return Trajectory(
         t=samples.time,
         position=samples.position,
@@ -91,6 +93,6 @@ def simulate(
         delivered=samples.delivered,
         limited=samples.limited,
         controller=samples.controller,
-        weight_norm=None if norms is None else jax.vmap(norms)(samples.controller),
+        weight_norm=norms,
         ok=carry.ok,
     )

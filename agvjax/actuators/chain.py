@@ -7,18 +7,22 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..protocols import Element, Reach
 
 
-class Chain(Mapping[str, Any]):
+class Chain(Element, Mapping[str, Element]):
     """Elements by name, in the order in which the signal runs: `Chain(delay=Delay(), saturation=Saturation())`.
 
-    A JAX pytree whose leaves are named `delay.time`, `saturation.upper` and so on. Itself an element.
+    A JAX pytree whose leaves are named `delay.time`, `saturation.upper` and so on. States and memories are dictionaries
+    with the same names.
     """
 
-    def __init__(self, **parts: Any):
+    def __init__(self, **parts: Element):
         self._parts = parts
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Element:
         """The element of a name."""
         return self._parts[name]
 
@@ -34,75 +38,63 @@ class Chain(Mapping[str, Any]):
         """As it is written."""
         return f"Chain({', '.join(f'{name}={part!r}' for name, part in self.items())})"
 
-    def _run(self, flows: Any, memories: Any, u: Any) -> tuple[Any, dict[str, Any], list[Any]]:
-        """What the last one delivers, the derivatives, and the inputs of each."""
-        rates, inputs = {}, []
-        for name, part in self.items():
-            inputs.append(u)
-            u, rates[name] = deliver(part, flows[name], memories[name], u)
-        return u, rates, inputs
-
-    def init(self, u: Any) -> dict[str, Any]:
-        """The continuous states."""
+    def init(self, u: Float[Array, "*n"]) -> dict[str, Any]:
+        """The states at the start."""
         return self._begin(u)[0]
 
-    def hold(self, u: Any) -> dict[str, Any]:
-        """The memories."""
+    def hold(self, u: Float[Array, "*n"]) -> dict[str, Any]:
+        """The memories before the first step."""
         return self._begin(u)[1]
 
-    def _begin(self, u: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _begin(self, u: Array) -> tuple[dict[str, Any], dict[str, Any]]:
         flows, memories = {}, {}
         for name, part in self.items():
-            flows[name], memories[name] = begin(part, u)
-            u, _ = deliver(part, flows[name], memories[name], u)
+            flows[name], memories[name] = part.init(u), part.hold(u)
+            u, _ = part.deliver(flows[name], memories[name], u)
         return flows, memories
 
-    def deliver(self, flow: Any, held: Any, u: Any) -> tuple[Any, dict[str, Any]]:
+    def deliver(
+        self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"]
+    ) -> tuple[Float[Array, "*n"], dict[str, Any]]:
         """What the last one delivers, and the derivatives of all."""
-        return self._run(flow, held, u)[:2]
+        rates = {}
+        for name, part in self.items():
+            u, rates[name] = part.deliver(flow[name], memory[name], u)
+        return u, rates
 
-    def jump(self, flow: Any, held: Any, u: Any, h: Any) -> dict[str, Any]:
-        """The memories after the start of a step."""
+    def jump(self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"], h: Array) -> dict[str, Any]:
+        """The memories for the step that begins; each element sees what the renewed ones before it deliver."""
         memories = {}
         for name, part in self.items():
-            memories[name] = part.jump(flow[name], held[name], u, h) if hasattr(part, "jump") else held[name]
-            u, _ = deliver(part, flow[name], memories[name], u)
+            memories[name] = part.jump(flow[name], memory[name], u, h)
+            u, _ = part.deliver(flow[name], memories[name], u)
         return memories
 
-    def limited(self, flow: Any, held: Any, u: Any) -> Any:
+    def limited(self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"]) -> Bool[Array, ""]:
         """Whether one of them is at its limit."""
-        inputs = self._run(flow, held, u)[2]
-        found = [at_limit(self[n], flow[n], held[n], x) for n, x in zip(self, inputs, strict=True)]
-        return jnp.any(jnp.stack(found))
+        limited = []
+        for name, part in self.items():
+            limited.append(part.limited(flow[name], memory[name], u))
+            u, _ = part.deliver(flow[name], memory[name], u)
+        return jnp.any(jnp.stack(limited))
 
-    def poles(self) -> list[float]:
-        """Poles [1/s] of those that have some."""
-        return [pole for part in self.values() if hasattr(part, "poles") for pole in part.poles()]
+    def elements(self, key: str) -> Iterator[tuple[str, Element]]:
+        """All of them, also those of chains in the chain."""
+        for name, part in self.items():
+            yield from part.elements(f"{key}.{name}")
 
-
-def deliver(part: Any, flow: Any, held: Any, u: Any) -> tuple[Any, Any]:
-    """What any element delivers, and the derivative of its state."""
-    return part.deliver(flow, held, u) if hasattr(part, "deliver") else (part(u), ())
-
-
-def at_limit(part: Any, flow: Any, held: Any, u: Any) -> Any:
-    """Whether any element is at its limit."""
-    if isinstance(part, Chain):
-        return part.limited(flow, held, u)
-    return part.limited(u) if hasattr(part, "limited") else jnp.zeros((), bool)
+    def reach(self, asked: Reach) -> Reach:
+        """Through one after the other."""
+        for part in self.values():
+            asked = part.reach(asked)
+        return asked
 
 
-def begin(part: Any, u: Any) -> tuple[Any, Any]:
-    """State and memory of any element at the start."""
-    flow = part.init(u) if hasattr(part, "init") else ()
-    return flow, part.hold(u) if hasattr(part, "hold") else ()
-
-
-def _flatten(chain: Chain) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+def _flatten(chain: Chain) -> tuple[tuple[Element, ...], tuple[str, ...]]:
     return tuple(chain.values()), tuple(chain)
 
 
-def _flatten_with_keys(chain: Chain) -> tuple[Any, tuple[str, ...]]:
+def _flatten_with_keys(chain: Chain) -> tuple[tuple[tuple[jax.tree_util.DictKey, Element], ...], tuple[str, ...]]:
     return tuple((jax.tree_util.DictKey(name), part) for name, part in chain.items()), tuple(chain)
 
 

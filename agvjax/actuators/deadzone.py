@@ -6,10 +6,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from ..protocols import Element, Reach
 
 
 @pytree
-class Deadzone:
+class Deadzone(Element):
     """Eq. (11). What an actuator delivers of what it is commanded; the default delivers everything.
 
     Slopes and thresholds are magnitudes (reading R1: the paper's section 4 prints a negative left threshold,
@@ -29,6 +30,10 @@ class Deadzone:
         right = self.slope_right * jnp.maximum(u - self.threshold_right, 0)
         left = self.slope_left * jnp.minimum(u + self.threshold_left, 0)
         return right + left
+
+    def reach(self, asked: Reach) -> Reach:
+        """Its own bounds, and a rate by the steeper slope."""
+        return asked.through(self, asked.rate * max(float(self.slope_left), float(self.slope_right)))
 
     def slope(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """Eqs. (13), (17). The slope that the sign of the command selects."""

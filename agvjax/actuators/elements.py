@@ -1,27 +1,24 @@
 """What stands between a command and what is delivered, besides the deadzone; any of it in any order, as a `Chain`.
 
-An element is a callable `u -> delivered` or, with state or memory, has `init(u) -> flow`,
-`deliver(flow, held, u) -> (delivered, flow derivative)`, `hold(u)` and `jump(flow, held, u, h)`, which is called at the
-start of every step of the integrator, `h` [s] long. One that has a limit also says when it is at it: `limited(u)`.
-
 Slopes are those of what is computed. Where that has none (rounding) a stand-in is used and stated. Backlash, rate limit
 and saturation have the slope 0 where they hold still; kinks have the slope of one side.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from .._pytree import ANY, NONNEGATIVE, POSITIVE, number, pytree, structure
+from ..errors import Fault
 from ..hashed import uniform
+from ..protocols import Element, Reach
 
 
 @pytree
-class Saturation:
+class Saturation(Element):
     """Delivers no more than `upper` and no less than `lower`."""
 
     upper: float = number(1.0, "unit of the command", ANY)
@@ -31,13 +28,18 @@ class Saturation:
         """The command, clipped."""
         return jnp.clip(u, self.lower, self.upper)
 
-    def limited(self, u: Float[Array, "*n"]) -> Any:
+    def limited(self, flow: tuple[()], memory: tuple[()], u: Float[Array, "*n"]) -> Bool[Array, ""]:
         """Whether any of it is clipped."""
         return jnp.any((u > self.upper) | (u < self.lower))
 
+    def reach(self, asked: Reach) -> Reach:
+        """No more than its limits."""
+        low, high = np.clip([asked.low, asked.high], float(self.lower), float(self.upper)).tolist()
+        return Reach(low, high, asked.rate)
+
 
 @pytree
-class Quantisation:
+class Quantisation(Element):
     """Rounds to multiples of `step`. Its slope is taken as 1: rounding itself has none (straight-through)."""
 
     step: float = number(0.01, "unit of the command", POSITIVE)
@@ -46,9 +48,13 @@ class Quantisation:
         """The nearest multiple; at most step / 2 away."""
         return u + jax.lax.stop_gradient(self.step * jnp.round(u / self.step) - u)
 
+    def reach(self, asked: Reach) -> Reach:
+        """Rounded bounds; the rate on average, as it moves in jumps."""
+        return asked.through(self, asked.rate)
+
 
 @pytree
-class Lag:
+class Lag(Element):
     """A first-order lag, at rest at the start."""
 
     time_constant: float = number(0.05, "s", POSITIVE)
@@ -57,7 +63,7 @@ class Lag:
         """At rest."""
         return jnp.zeros_like(u)
 
-    def deliver(self, flow: Array, held: Any, u: Array) -> tuple[Array, Array]:
+    def deliver(self, flow: Array, memory: tuple[()], u: Array) -> tuple[Array, Array]:
         """What it has reached, and x' = (u - x) / T."""
         return flow, (u - flow) / self.time_constant
 
@@ -65,9 +71,13 @@ class Lag:
         """Its pole [1/s]; the integrator's step must suit it."""
         return [-1.0 / float(self.time_constant)]
 
+    def reach(self, asked: Reach) -> Reach:
+        """It never leaves what it is asked for, nor outruns it."""
+        return asked.from_rest(asked.rate)
+
 
 @pytree
-class Backlash:
+class Backlash(Element):
     """Play in a gear: the output stands still until the input has crossed the gap, `gap` wide in all.
 
     Exact where the input is monotonous within a step.
@@ -75,21 +85,22 @@ class Backlash:
 
     gap: float = number(0.1, "unit of the command", NONNEGATIVE)
 
-    def init(self, u: Array) -> tuple[()]:
-        """Nothing flows."""
-        return ()
-
     def hold(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The output begins as near to 0 as the gap lets it."""
         return self._follow(jnp.zeros_like(u), u)
 
-    def deliver(self, flow: Any, held: Array, u: Array) -> tuple[Array, tuple[()]]:
+    def deliver(self, flow: tuple[()], memory: Array, u: Array) -> tuple[Array, tuple[()]]:
         """The output that the input leaves or pushes."""
-        return self._follow(held, u), ()
+        return self._follow(memory, u), ()
 
-    def jump(self, flow: Any, held: Array, u: Array, h: Any) -> Array:
+    def jump(self, flow: tuple[()], memory: Array, u: Array, h: Array) -> Array:
         """Where it stands now."""
-        return self._follow(held, u)
+        return self._follow(memory, u)
+
+    def reach(self, asked: Reach) -> Reach:
+        """Half the gap less at either end."""
+        half = float(self.gap) / 2
+        return Reach(asked.low + half, asked.high - half).from_rest(asked.rate)
 
     def _follow(self, output: Array, u: Array) -> Array:
         return jnp.clip(output, u - self.gap / 2, u + self.gap / 2)
@@ -99,49 +110,49 @@ class Backlash:
 class RateLimitMemory:
     """Where a limiter will be at the end of the step, and its mean over the step, which is what it delivers."""
 
-    end: Any
-    mean: Any
+    end: Float[Array, "*n"]
+    mean: Float[Array, "*n"]
 
 
 @pytree
-class RateLimit:
+class RateLimit(Element):
     """Follows the command no faster than `rate`, from 0 at the start. Over a step it delivers the mean of its ramp."""
 
     rate: float = number(1.0, "unit of the command per s", POSITIVE)
 
-    def init(self, u: Array) -> tuple[()]:
-        """Nothing flows."""
-        return ()
-
     def hold(self, u: Float[Array, "*n"]) -> RateLimitMemory:
-        """At 0."""
+        """It begins at 0."""
         return RateLimitMemory(end=jnp.zeros_like(u), mean=jnp.zeros_like(u))
 
-    def deliver(self, flow: Any, held: RateLimitMemory, u: Array) -> tuple[Array, tuple[()]]:
+    def deliver(self, flow: tuple[()], memory: RateLimitMemory, u: Array) -> tuple[Array, tuple[()]]:
         """The mean over this step."""
-        return held.mean, ()
+        return memory.mean, ()
 
-    def jump(self, flow: Any, held: RateLimitMemory, u: Array, h: Any) -> RateLimitMemory:
+    def jump(self, flow: tuple[()], memory: RateLimitMemory, u: Array, h: Array) -> RateLimitMemory:
         """The step that begins."""
         reach = self.rate * h
-        away = jnp.clip(u - held.end, -reach, reach)
+        away = jnp.clip(u - memory.end, -reach, reach)
         share = jnp.abs(away) / reach  # of the step that the ramp takes
-        return RateLimitMemory(end=held.end + away, mean=held.end + away * (1 - share / 2))
+        return RateLimitMemory(end=memory.end + away, mean=memory.end + away * (1 - share / 2))
+
+    def reach(self, asked: Reach) -> Reach:
+        """No faster than its rate."""
+        return asked.from_rest(min(asked.rate, float(self.rate)))
 
 
 @pytree
 class DelayMemory:
     """The latest commands, youngest first, how long ago each came, and what is delivered over this step."""
 
-    values: Any  # (slots, *n)
-    ages: Any  # (slots,) s
-    late: Any  # (slots,) s, on top of the delay
-    mean: Any
-    count: Any
+    values: Array  # (slots, *n)
+    ages: Float[Array, " slots"]  # s
+    late: Float[Array, " slots"]  # s, on top of the delay
+    mean: Float[Array, "*n"]
+    count: Float[Array, ""]  # of the commands that have come
 
 
 @pytree
-class Delay:
+class Delay(Element):
     """Delivers every command `time` later, 0 before the first arrives; `jitter` adds to each a random part of that.
 
     It remembers the last `slots` changes of its input: for an input that changes every P seconds that must be at least
@@ -154,33 +165,43 @@ class Delay:
     seed: float = number(0.0, "1", NONNEGATIVE)
     slots: int = structure(3)
 
-    def init(self, u: Array) -> tuple[()]:
-        """Nothing flows."""
-        return ()
-
     def hold(self, u: Float[Array, "*n"]) -> DelayMemory:
         """Zeros that came long ago."""
         nothing, never = jnp.zeros((self.slots, *u.shape), u.dtype), jnp.full(self.slots, 1e3, u.dtype)
         zero = jnp.zeros(self.slots, u.dtype)
         return DelayMemory(values=nothing, ages=never, late=zero, mean=nothing[0], count=zero[0])
 
-    def deliver(self, flow: Any, held: DelayMemory, u: Array) -> tuple[Array, tuple[()]]:
-        """What arrives within this step, on average."""
-        return held.mean, ()
+    def faults(self, interval: float) -> list[Fault]:
+        """It must remember every change of its input, one each `interval` [s]."""
+        slots = 1 + int(np.ceil((float(self.time) + float(self.jitter)) / interval - 1e-9))
+        rule = f"at least {slots}, to remember every change of its input, one each {interval:g} s"
+        return [Fault("slots", self.slots, rule)] if self.slots < slots else []
 
-    def jump(self, flow: Any, held: DelayMemory, u: Array, h: Any) -> DelayMemory:
+    def deliver(self, flow: tuple[()], memory: DelayMemory, u: Array) -> tuple[Array, tuple[()]]:
+        """What arrives within this step, on average."""
+        return memory.mean, ()
+
+    def jump(self, flow: tuple[()], memory: DelayMemory, u: Array, h: Array) -> DelayMemory:
         """The step that begins: a command that has changed joins the line."""
-        new = jnp.any(u != held.values[0])
-        late = self.jitter * uniform(self.seed, held.count)
+        new = jnp.any(u != memory.values[0])
+        late = self.jitter * uniform(self.seed, memory.count)
 
         def joined(line: Array, first: Array) -> Array:
             return jnp.where(new, jnp.concatenate([first[None], line[:-1]]), line)
 
-        values, ages, lates = joined(held.values, u), joined(held.ages, jnp.zeros_like(h)), joined(held.late, late)
+        values, ages, lates = (
+            joined(memory.values, u),
+            joined(memory.ages, jnp.zeros_like(h)),
+            joined(memory.late, late),
+        )
         share = jnp.clip((h - (self.time + lates - ages)) / h, 0, 1)  # of the step, for which each has arrived
         mean = values[-1]
         for i in range(self.slots - 2, -1, -1):
             mean = mean + share[i] * (values[i] - mean)
         return DelayMemory(
-            values=values, ages=ages + h, late=lates, mean=mean, count=held.count + new.astype(held.count.dtype)
+            values=values, ages=ages + h, late=lates, mean=mean, count=memory.count + new.astype(memory.count.dtype)
         )
+
+    def reach(self, asked: Reach) -> Reach:
+        """What it is asked for; late, it may jump."""
+        return asked.from_rest(np.inf)

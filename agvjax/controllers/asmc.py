@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law
 
 
 @pytree
@@ -23,7 +24,7 @@ class Bounds:
 
 
 @pytree
-class ASMC:
+class ASMC(Law):
     """Adaptive sliding mode, as a class law: no number of the deadzone is known to it."""
 
     c: float = number(1.0, "1/s", POSITIVE, "ASMC class, sliding surface")
@@ -47,7 +48,9 @@ class ASMC:
         both = jnp.zeros_like(measurement.position)
         return Bounds(th=both + self.th_start, D=both, th_psi=none + self.th_start, D_psi=none)
 
-    def law(self, flow: Bounds, held: object, measurement: Measurement, reference: Reference) -> tuple[Command, Bounds]:
+    def law(
+        self, flow: Bounds, memory: tuple[()], measurement: Measurement, reference: Reference
+    ) -> tuple[Command, Bounds]:
         """Commands before the deadzone, and the derivative of the bounds."""
         error_rate = measurement.velocity - reference.velocity
         s = error_rate + self.c * (measurement.position - reference.position)

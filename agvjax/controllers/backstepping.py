@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax
@@ -15,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from ..geometry import wrap
 from ..integrate import largest
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law, Stable
 from .filters import CommandFilter, LiteralFilter, NoFilter
 
 
@@ -69,7 +69,7 @@ def _bounded(alpha1: Array, velocity: Array, limit: Any) -> tuple[Array, Any]:
 
 
 @pytree
-class Backstepping:
+class Backstepping(Law):
     """Eqs. (21)-(25), (41), (57), (63) without the network, with the paper's gains.
 
     `Pi_hat` and `Pi_psi_hat` are the controller's belief of the deadzone slopes, apart from the plant's truth
@@ -89,8 +89,8 @@ class Backstepping:
     wrapped: bool = structure(True)  # reading R17: the paper never wraps Z3
 
     tunable: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
-    of_heading: ClassVar[tuple[str, ...]] = ("k3", "Lam_psi")
-    fastest: ClassVar[tuple[str, str]] = ("command filter", "eq. (22)")
+    heading_gains: ClassVar[tuple[str, ...]] = ("k3", "Lam_psi")
+    relieves: ClassVar[bool] = True
 
     def init(self, measurement: Measurement, reference: Reference) -> BacksteppingState:
         """The state of a law that starts now: the filter at its input, integrals and compensation at 0."""
@@ -110,7 +110,7 @@ class Backstepping:
         return -self.k1 * Z1 + velocity - self.Lam * beta1
 
     def law(
-        self, flow: BacksteppingState, held: object, measurement: Measurement, reference: Reference
+        self, flow: BacksteppingState, memory: tuple[()], measurement: Measurement, reference: Reference
     ) -> tuple[Command, BacksteppingState]:
         """Commands before the deadzone, and the derivative of the law's own state."""
         alpha1, alpha1_rate = self._virtual(flow, measurement, reference)
@@ -157,8 +157,13 @@ class Backstepping:
         )
         return Command(position=U_bar, heading=omega_bar), rate
 
-    def step(
-        self, s: BacksteppingState, measurement: Measurement, reference: Reference, period: Array, limit: Any = None
+    def advance(
+        self,
+        s: BacksteppingState,
+        measurement: Measurement,
+        reference: Reference,
+        period: Real,
+        limit: Real | None = None,
     ) -> tuple[Command, BacksteppingState, Any]:
         """One period of a digital loop, measurement and reference held over it.
 
@@ -188,7 +193,7 @@ class Backstepping:
         return command, later, met
 
     def relieved(
-        self, before: BacksteppingState, later: BacksteppingState, missing: Array, limited: Array, period: Array
+        self, before: BacksteppingState, later: BacksteppingState, missing: Array, limited: Array, period: Real
     ) -> BacksteppingState:
         """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied.
 
@@ -223,6 +228,11 @@ class Backstepping:
         """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
         return self.filter.poles(float(self.omega_n), float(self.zeta))
 
+    @property
+    def fastest(self) -> tuple[str, str]:
+        """What has these poles, and its source."""
+        return "command filter", "eq. (22)"
+
     def rates(self) -> dict[str, np.ndarray]:
         """Poles of the modes whose speed a gain sets [1/s], by that gain: filter, and eqs. (32), (41), (63)."""
         return {
@@ -232,7 +242,7 @@ class Backstepping:
             "k3": np.array([-float(self.k3)]),
         }
 
-    def upper_bounds(self, stable: Callable[[np.ndarray], bool]) -> dict[str, float]:
+    def upper_bounds(self, stable: Stable) -> dict[str, float]:
         """What gains must stay below: `stable(poles)` says whether a step integrates modes with these poles.
 
         The damping stays at most 1 (after eq. (22)), and the filter stable at any damping from .05 to that.

@@ -7,10 +7,11 @@ from typing import ClassVar
 from .._pytree import POSITIVE, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law
 
 
 @pytree
-class DFC:
+class DFC(Law):
     """Flatness-based control, as a class law: it knows the model and nothing of deadzone or disturbance."""
 
     kp: float = number(5.0, "1/s^2", POSITIVE, "DFC class")
@@ -24,7 +25,7 @@ class DFC:
         return ()
 
     def law(
-        self, flow: tuple[()], held: object, measurement: Measurement, reference: Reference
+        self, flow: tuple[()], memory: tuple[()], measurement: Measurement, reference: Reference
     ) -> tuple[Command, tuple[()]]:
         """Commands before the deadzone."""
         error, error_rate = measurement.position - reference.position, measurement.velocity - reference.velocity

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ClassVar
-
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law
 from .neuro_backstepping import NeuroBackstepping
+from .wrapping import Wrapping
 
 
 @pytree
-class EventTriggered:
+class Sent:
+    """What event-triggered control remembers."""
+
+    command: Command  # in force
+    inner: PyTree  # memory of the inner law
+
+
+@pytree
+class EventTriggered(Wrapping):
     """Any law, its command of each channel held until it differs by `delta` |held| + `m` from what the law asks for.
 
     Looked at once every control instant. The interval between two updates is at least m / sup |u'|, so there are never
@@ -23,50 +29,43 @@ class EventTriggered:
     Tune `inner` and judge this one.
     """
 
-    inner: Any = NeuroBackstepping()
+    inner: Law = NeuroBackstepping()
     delta: float = number(0.1, "1", NONNEGATIVE, "relative threshold")
     m: float = number(0.1, "m/s^2, m/s^2, rad/s", POSITIVE, "absolute threshold", shape=(3,))
 
-    tunable: ClassVar[tuple[str, ...]] = ()
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """None: when a command is sent jumps with the gains."""
+        return ()
 
-    def init(self, measurement: Measurement, reference: Reference) -> Any:
-        """The state of the law inside."""
-        return self.inner.init(measurement, reference)
-
-    def hold(self, measurement: Measurement, reference: Reference) -> Command:
+    def hold(self, measurement: Measurement, reference: Reference) -> Sent:
         """The first command, sent as it is."""
-        return self.inner.law(self.init(measurement, reference), (), measurement, reference)[0]
+        state, memory = self.init(measurement, reference), self.inner.hold(measurement, reference)
+        return Sent(command=self.inner.law(state, memory, measurement, reference)[0], inner=memory)
 
     def jump(
-        self, flow: Any, held: Command, measurement: Measurement, reference: Reference, h: Float[Array, ""]
-    ) -> Command:
+        self, flow: PyTree, memory: Sent, measurement: Measurement, reference: Reference, h: Float[Array, ""]
+    ) -> Sent:
         """The command in force after this control instant."""
-        asked, _ = self.inner.law(flow, (), measurement, reference)
+        inner, sent = self.inner.jump(flow, memory.inner, measurement, reference, h), memory.command
+        asked, _ = self.inner.law(flow, inner, measurement, reference)
         m = jnp.broadcast_to(self.m, (3,))
 
         def renewed(new: Array, old: Array, m: Array) -> Array:
             return jnp.where(jnp.abs(new - old) >= self.delta * jnp.abs(old) + m, new, old)
 
-        return Command(
-            position=renewed(asked.position, held.position, m[:2]),
-            heading=renewed(asked.heading, held.heading, m[2]),
+        command = Command(
+            position=renewed(asked.position, sent.position, m[:2]), heading=renewed(asked.heading, sent.heading, m[2])
         )
+        return Sent(command=command, inner=inner)
 
-    def law(self, flow: Any, held: Command, measurement: Measurement, reference: Reference) -> tuple[Command, Any]:
-        """What is held, and the derivative of the law inside."""
-        return held, self.inner.law(flow, (), measurement, reference)[1]
+    def law(self, flow: PyTree, memory: Sent, measurement: Measurement, reference: Reference) -> tuple[Command, PyTree]:
+        """The command in force, and the derivative of the inner law."""
+        return memory.command, self.inner.law(flow, memory.inner, measurement, reference)[1]
 
-    @property
-    def weight_norms(self) -> Callable[[Any], Float[Array, "2"]]:
-        """Those of the law inside."""
-        return self.inner.weight_norms
+    def limited(self, memory: Sent) -> Bool[Array, ""]:
+        """Whether the inner law keeps something back."""
+        return self.inner.limited(memory.inner)
 
-    @property
-    def fastest(self) -> tuple[str, str]:
-        """That of the law inside."""
-        return self.inner.fastest
-
-    @property
-    def poles(self) -> Callable[[], np.ndarray]:
-        """Those of the law inside."""
-        return self.inner.poles
+    def state(self, flow: PyTree, memory: Sent) -> PyTree:
+        """What the inner law shows."""
+        return self.inner.state(flow, memory.inner)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from .._pytree import FRACTION, POSITIVE, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law
 
 
 def signed_power(x: Array, exponent: Array) -> Array:
@@ -37,7 +38,7 @@ class TerminalSurface:
 
 
 @pytree
-class FTSMC(TerminalSurface):
+class FTSMC(TerminalSurface, Law):
     """Finite-time sliding mode, as a class law: it knows the model and nothing of deadzone or disturbance."""
 
     k1: float = number(1.0, "1/s", POSITIVE, "FTSMC class")
@@ -53,7 +54,7 @@ class FTSMC(TerminalSurface):
         return ()
 
     def law(
-        self, flow: tuple[()], held: object, measurement: Measurement, reference: Reference
+        self, flow: tuple[()], memory: tuple[()], measurement: Measurement, reference: Reference
     ) -> tuple[Command, tuple[()]]:
         """Commands before the deadzone."""
         s, u = self(measurement, reference)
@@ -72,7 +73,7 @@ class TwistingState:
 
 
 @pytree
-class SuperTwistingFTSMC(TerminalSurface):
+class SuperTwistingFTSMC(TerminalSurface, Law):
     """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances."""
 
     eps: float = number(
@@ -90,7 +91,7 @@ class SuperTwistingFTSMC(TerminalSurface):
         return TwistingState(v=jnp.zeros_like(measurement.position), v_psi=jnp.zeros_like(measurement.heading))
 
     def law(
-        self, flow: TwistingState, held: object, measurement: Measurement, reference: Reference
+        self, flow: TwistingState, memory: tuple[()], measurement: Measurement, reference: Reference
     ) -> tuple[Command, TwistingState]:
         """Commands before the deadzone, and the derivative of the integrals."""
         s, u = self(measurement, reference)

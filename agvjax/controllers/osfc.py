@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from .._pytree import POSITIVE, number, pytree
 from ..geometry import wrap
 from ..integrate import largest
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law, Stable
 
 
 @pytree
@@ -27,7 +27,7 @@ class ObserverState:
 
 
 @pytree
-class OSFC:
+class OSFC(Law):
     """Observer-based state feedback, as a class law: it knows one nominal slope for each channel, no threshold."""
 
     kp: float = number(5.0, "1/s^2", POSITIVE, "OSFC class")
@@ -39,7 +39,6 @@ class OSFC:
     b0w: float = number(0.8, "1", POSITIVE, "OSFC class, nominal slope")
 
     tunable: ClassVar[tuple[str, ...]] = ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w")
-    fastest: ClassVar[tuple[str, str]] = ("observer", "OSFC class")
 
     def init(self, measurement: Measurement, reference: Reference) -> ObserverState:
         """Observers at the measured state, disturbances 0."""
@@ -52,7 +51,7 @@ class OSFC:
         )
 
     def law(
-        self, flow: ObserverState, held: object, measurement: Measurement, reference: Reference
+        self, flow: ObserverState, memory: tuple[()], measurement: Measurement, reference: Reference
     ) -> tuple[Command, ObserverState]:
         """Commands before the deadzone, and the derivative of the observers."""
         s, wo, wow = flow, self.wo, self.wow
@@ -74,7 +73,12 @@ class OSFC:
         """Poles of the observers [1/s]."""
         return np.array([-float(self.wo), -float(self.wow)])
 
-    def upper_bounds(self, stable: Callable[[np.ndarray], bool]) -> dict[str, float]:
+    @property
+    def fastest(self) -> tuple[str, str]:
+        """What has these poles, and its source."""
+        return "observer", "OSFC class"
+
+    def upper_bounds(self, stable: Stable) -> dict[str, float]:
         """What the bandwidths must stay below for a step to integrate the observers."""
         limit = largest(lambda w: stable(np.array([-w])), 1e6)
         return {"wo": limit, "wow": limit}

@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
-from .._pytree import POSITIVE, number, pytree, structure
+from .._pytree import POSITIVE, Real, number, pytree, structure
+from ..errors import Fault
+from ..leaves import leaves
 from ..messages import Command, Measurement, Reference
 from ..plants import Decoupled
+from ..protocols import Inputs, Law, Plant, Stable
 from .neuro_backstepping import NeuroBackstepping
+from .wrapping import Wrapping
 
 
-@pytree
-class NoAntiWindup:
-    """The law asks for whatever it likes."""
+class AntiWindup:
+    """What the law is told of the limits of its inputs; by default nothing, so that it asks for whatever it likes."""
 
-    speed = None
+    speed: Real | None = None  # m/s, bound of |alpha1 - chi1_d'|
+    limits: Float[Array, " m"] | None = None  # of each input, in the vehicle's order
 
-    def applied(self, inputs: dict[str, Array]) -> dict[str, Array]:
-        """All of it."""
+    def applied(self, inputs: Inputs) -> Inputs:
+        """The inputs within their limits."""
         return inputs
 
 
 @pytree
-class BackCalculation:
+class NoAntiWindup(AntiWindup):
+    """The law asks for whatever it likes."""
+
+
+@pytree
+class BackCalculation(AntiWindup):
     """The law knows what it may ask for, and takes back from its own state what it may not."""
 
-    speed: float = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
+    speed: Real = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
     limits: Float[Array, " m"] = number((4.0, 4.0), "of each input, in the vehicle's order", POSITIVE, shape=(None,))
 
-    def applied(self, inputs: dict[str, Array]) -> dict[str, Array]:
+    def applied(self, inputs: Inputs) -> Inputs:
         """The inputs within their limits."""
         limits = jnp.asarray(self.limits)
         return {name: jnp.clip(u, -limits[i], limits[i]) for i, (name, u) in enumerate(inputs.items())}
@@ -43,84 +53,119 @@ class BackCalculation:
 class Computed:
     """What the computer remembers from one period to the next."""
 
-    law: Any  # state of the law inside
+    law: PyTree  # state of the law inside
     command: Command  # in force, with its inputs
     limited: Bool[Array, ""]  # whether the law kept something back
 
 
 @pytree
-class Sampled:
+class Sampled(Wrapping):
     """A law run every `period`, its inputs held in between (zero-order hold).
 
     `vehicle` is what the computer takes the vehicle for: a plant, whose `allocate` turns the law's command into inputs
-    of actuators, from what was measured at that instant. A law with a `step` of its own is stepped by it, others and
-    with `euler` all by Euler's method. Nothing is asked of the actuators before the first instant.
+    of actuators, from what was measured at that instant. The law is stepped by its own `advance`, with `euler` by
+    Euler's method. Nothing is asked of the actuators before the first instant. The integrator steps nothing of the law,
+    so that poles and rates of the law in continuous time, and the stability conditions on them, do not apply.
     """
 
-    inner: Any = NeuroBackstepping()
-    vehicle: Any = Decoupled()
-    period: float = number(0.02, "s", POSITIVE)
-    anti_windup: NoAntiWindup | BackCalculation = NoAntiWindup()
+    inner: Law = NeuroBackstepping()
+    vehicle: Plant = Decoupled()
+    period: Real = number(0.02, "s", POSITIVE)
+    anti_windup: AntiWindup = NoAntiWindup()
     euler: bool = structure(False)
 
-    def step(self, state: Any, measurement: Measurement, reference: Reference) -> Computed:
+    def step(self, state: PyTree, measurement: Measurement, reference: Reference) -> Computed:
         """One period: pure, and all that the computer does. `state` is that of the law inside, see `inner.init`."""
-        speed, period = self.anti_windup.speed, self.period
-        if self.euler or not hasattr(self.inner, "step"):
-            asked, rate = self.inner.law(state, (), measurement, reference)
-            later, limited = jax.tree.map(lambda x, dx: x + period * dx, state, rate), jnp.zeros((), bool)
-        else:
-            asked, later, limited = self.inner.step(state, measurement, reference, period, speed)
+        speed, period, law = self.anti_windup.speed, self.period, self.inner
+        advance = functools.partial(Law.advance, law) if self.euler else law.advance
+        asked, later, limited = advance(state, measurement, reference, period, speed)
         inputs = self.vehicle.allocate(asked, measurement)
         applied = self.anti_windup.applied(inputs)
-        if speed is not None and hasattr(self.inner, "relieved"):
+        if speed is not None and law.relieves:
             limited = limited | jnp.any(jnp.stack([jnp.any(applied[name] != inputs[name]) for name in inputs]))
             missing = asked.position - self.vehicle.achieved(applied, measurement)
-            later = self.inner.relieved(state, later, missing, limited, period)
+            later = law.relieved(state, later, missing, limited, period)
         command = Command(position=asked.position, heading=asked.heading, inputs=applied)
         return Computed(law=later, command=command, limited=limited)
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
-        """Nothing flows."""
+        """Nothing of it flows: the state of the inner law jumps."""
         return ()
 
     def hold(self, measurement: Measurement, reference: Reference) -> Computed:
-        """Before the first instant."""
+        """The inner law at its start, and nothing asked for yet.
+
+        Raises:
+            ValueError: the inner law has a memory that jumps, which only a loop in continuous time can keep.
+        """
+        if jax.tree.leaves(self.inner.hold(measurement, reference)):
+            raise ValueError(f"Sampled runs laws without memory; {type(self.inner).__name__} has some: put it outside")
         state = self.inner.init(measurement, reference)
         first = self.step(state, measurement, reference)
         nothing = jax.tree.map(jnp.zeros_like, first.command)
         return Computed(law=state, command=nothing, limited=jnp.zeros((), bool))
 
-    def jump(self, flow: Any, held: Computed, measurement: Measurement, reference: Reference, h: Any) -> Computed:
-        """At an instant."""
-        return self.step(held.law, measurement, reference)
+    def jump(
+        self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference, h: Float[Array, ""]
+    ) -> Computed:
+        """The computer's work at one instant."""
+        return self.step(memory.law, measurement, reference)
 
-    def law(self, flow: Any, held: Computed, measurement: Measurement, reference: Reference) -> tuple[Command, Any]:
-        """What is held."""
-        return held.command, ()
+    def law(
+        self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference
+    ) -> tuple[Command, tuple[()]]:
+        """The command in force."""
+        return memory.command, ()
 
-    def limited(self, held: Computed) -> Bool[Array, ""]:
+    def control_period(self) -> Real:
+        """Time [s] between instants."""
+        return self.period
+
+    def limited(self, memory: Computed) -> Bool[Array, ""]:
         """Whether the law keeps back something that it would like to ask for."""
-        return held.limited
+        return memory.limited
 
-    def state(self, flow: Any, held: Computed) -> Any:
+    def state(self, flow: tuple[()], memory: Computed) -> PyTree:
         """The state of the law inside."""
-        return held.law
+        return memory.law
 
-    @property
-    def weight_norms(self) -> Any:
-        """Those of the law inside."""
-        return self.inner.weight_norms
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """The inner law's gains, the heading's only where the vehicle lets it be commanded; the bound on speed."""
+        speed = ("anti_windup.speed",) if self.anti_windup.speed else ()
+        return (*super().gains_to_tune(self.vehicle.commands_heading), *speed)
 
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        """Those of the law inside, the heading's only where the vehicle lets it be commanded; the bound on speed."""
-        heading = getattr(self.vehicle, "commands_heading", True)
-        own = [name for name in self.inner.tunable if heading or name not in getattr(self.inner, "of_heading", ())]
-        return (*(f"inner.{name}" for name in own), *(("anti_windup.speed",) if self.anti_windup.speed else ()))
+    def poles(self) -> np.ndarray:
+        """No poles that the integrator's step must suit."""
+        return np.array([])
 
-    def upper_bounds(self, stable: Any) -> dict[str, float]:
+    def rates(self) -> dict[str, np.ndarray]:
+        """No modes that the integrator's step must suit."""
+        return {}
+
+    def upper_bounds(self, stable: Stable) -> dict[str, float]:
         """What a period can hold: a rate of 2 / period is where a held proportional loop ends to be stable."""
         fastest = 2 / float(self.period)
         bounds = {"k1": fastest, "k2": fastest, "k3": fastest, "omega_n": np.pi * fastest, "zeta": 3.0}
-        return {f"inner.{name}": limit for name, limit in bounds.items() if hasattr(self.inner, name)}
+        return {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
+
+    def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
+        """No conditions: those of the inner law are proved in continuous time."""
+        return {}
+
+    def input_limits(self) -> Float[Array, " m"] | None:
+        """Those of its anti-windup."""
+        return self.anti_windup.limits
+
+    def believing(self, plant: Plant) -> Law:
+        """With this plant as its vehicle, if it takes the vehicle for one of this kind."""
+        return dataclasses.replace(self, vehicle=plant) if type(self.vehicle) is type(plant) else self
+
+    def faults(self, plant: Plant) -> list[Fault]:
+        """A vehicle of another kind than the plant, or limits that are not one for each input."""
+        found, names, limits = super().faults(plant), ", ".join(self.vehicle.actuators), self.anti_windup.limits
+        if self.vehicle.actuators != plant.actuators:
+            rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
+            found.append(Fault("vehicle", type(self.vehicle).__name__, rule))
+        if limits is not None and np.size(limits) != len(self.vehicle.actuators):
+            found.append(Fault("anti_windup.limits", np.asarray(limits).tolist(), f"one for each of {names}"))
+        return found

@@ -1,45 +1,41 @@
 """The closed loop at one instant: measurement, law, actuators, plant; and the jumps of whatever has memory.
 
-Everything here is pure and written for one vehicle. Besides its continuous state a component may keep memory that
-jumps: a sensor or a controller at control instants, an actuator or a plant at the start of every step. It then has
-`hold(...)`, its first value, and `jump(...)`, its next one. A component without them costs nothing.
-
-* sensor: `sensor(held, measurement) -> measurement`, `hold(measurement)`, `jump(held, measurement, h)`
-* controller: see `agvjax.controllers`
-* actuator: see `agvjax.actuators`
-* plant: `hold(state)`, `jump(state, held, delivered, h)`, the memory being handed to its `derivative`
+Everything here is pure and written for one vehicle; what each part may have is said in `agvjax.protocols`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import pytree
-from ..actuators import chain
-from ..messages import Command, Reference
+from ..actuators.chain import Chain
+from ..messages import Command, Measurement, Reference
+from ..protocols import Element, Inputs, Law, Plant, Sensor
+from ..scenario import Scenario
 
 
 @pytree
 class Flow:
     """What the integrator integrates."""
 
-    plant: Any
-    actuators: dict[str, Any]
-    controller: Any
+    plant: PyTree
+    actuators: dict[str, PyTree]
+    controller: PyTree
 
 
 @pytree
-class Held:
+class Memory:
     """What jumps; `()` for a component without memory."""
 
-    plant: Any
-    actuators: dict[str, Any]
-    controller: Any
-    sensor: Any
+    plant: PyTree
+    actuators: dict[str, PyTree]
+    controller: PyTree
+    sensor: PyTree
 
 
 @pytree
@@ -53,7 +49,7 @@ class Signals:
 
 @pytree
 class Sample:
-    """What one looks at, at one instant."""
+    """What a trajectory holds of one instant."""
 
     time: Float[Array, ""]  # s
     position: Float[Array, "2"]  # m
@@ -65,67 +61,73 @@ class Sample:
     inputs: Float[Array, " m"]  # what the m actuators were asked for, in the plant's order
     delivered: Float[Array, " m"]  # what they delivered
     limited: Bool[Array, ""]  # whether an actuator, or the controller's own limit, was at its limit
-    controller: Any  # state of the law
+    controller: PyTree  # state of the law
 
 
-def _hold(component: Any, *inputs: Any) -> Any:
-    return component.hold(*inputs) if hasattr(component, "hold") else ()
-
-
-def _jump(component: Any, held: Any, *inputs: Any) -> Any:
-    return component.jump(*inputs) if hasattr(component, "jump") else held
-
-
-def actuator(scenario: Any, name: str) -> Any:
+def actuator(scenario: Scenario, name: str) -> Element:
     """The deadzone of an actuator, and what the signal runs through after it."""
     first, rest = scenario.deadzone[name], scenario.actuators.get(name)
-    return first if rest is None else chain.Chain(deadzone=first, rest=rest)
+    return first if rest is None else Chain(deadzone=first, rest=rest)
 
 
-def _actuate(scenario: Any, flow: Any, held: Any, inputs: dict[str, Array]) -> tuple[dict[str, Array], dict[str, Any]]:
+def sensor(scenario: Scenario) -> Sensor:
+    """The scenario's sensor; without one the controller is told the truth."""
+    return Sensor() if scenario.sensor is None else scenario.sensor
+
+
+def _actuate(
+    scenario: Scenario, flow: dict[str, PyTree], memory: dict[str, PyTree], inputs: Inputs
+) -> tuple[Inputs, dict[str, PyTree]]:
     """What each actuator delivers of its input, and the derivative of its state."""
     delivered, rates = {}, {}
     for name, u in inputs.items():
-        delivered[name], rates[name] = chain.deliver(actuator(scenario, name), flow[name], held[name], u)
+        delivered[name], rates[name] = actuator(scenario, name).deliver(flow[name], memory[name], u)
     return delivered, rates
 
 
-def _limited(controller: Any, scenario: Any, flow: Flow, held: Held, inputs: dict[str, Array]) -> Bool[Array, ""]:
-    """Whether anything is at its limit."""
-    found = [jnp.zeros((), bool)]
-    if hasattr(controller, "limited"):
-        found.append(controller.limited(held.controller))
+def _limited(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, inputs: Inputs) -> Bool[Array, ""]:
+    """Whether an actuator, or the controller's own limit, is at its limit."""
+    limited = [jnp.zeros((), bool), controller.limited(memory.controller)]
     for name, u in inputs.items():
-        found.append(chain.at_limit(actuator(scenario, name), flow.actuators[name], held.actuators[name], u))
-    return jnp.any(jnp.stack(found))
+        limited.append(actuator(scenario, name).limited(flow.actuators[name], memory.actuators[name], u))
+    return jnp.any(jnp.stack(limited))
 
 
-def _allocate(plant: Any, command: Command, measurement: Any) -> dict[str, Array]:
+class Response(NamedTuple):
+    """How the loop answers at one instant."""
+
+    measurement: Measurement
+    command: Command
+    inputs: Inputs
+    delivered: Inputs
+    actuator_rates: dict[str, PyTree]
+    law_rate: PyTree
+
+
+def _allocate(plant: Plant, command: Command, measurement: Measurement) -> Inputs:
     return plant.allocate(command, measurement) if command.inputs is None else command.inputs
 
 
-def _respond(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Signals) -> Any:
-    """Measurement, command, inputs, what is delivered, and the derivatives of actuators and law, at one instant.
+def _respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals) -> Response:
+    """What is measured, commanded and delivered at one instant.
 
     Where the plant's output depends on what it delivers, the loop is closed by a second pass: the first gives the
     heading command, which needs no yaw rate, the second everything. The compiler merges what both have in common.
     """
-    plant = scenario.plant
+    plant, look = scenario.plant, sensor(scenario)
 
-    def once(delivered: dict[str, Any]) -> Any:
-        measurement = plant.output(flow.plant, delivered)
-        if scenario.sensor is not None:
-            measurement = scenario.sensor(held.sensor, measurement)
-        command, law_rate = controller.law(flow.controller, held.controller, measurement, signals.reference)
+    def once(delivered: Inputs) -> Response:
+        measurement = look(memory.sensor, plant.output(flow.plant, delivered))
+        command, law_rate = controller.law(flow.controller, memory.controller, measurement, signals.reference)
         inputs = _allocate(plant, command, measurement)
-        delivered, actuator_rates = _actuate(scenario, flow.actuators, held.actuators, inputs)
-        return measurement, command, inputs, delivered, actuator_rates, law_rate
+        delivered, actuator_rates = _actuate(scenario, flow.actuators, memory.actuators, inputs)
+        return Response(measurement, command, inputs, delivered, actuator_rates, law_rate)
 
     response = once({name: jnp.zeros_like(signals.time) for name in plant.actuators})
-    return once(response[3]) if plant.feedthrough else response
+    return once(response.delivered) if plant.feedthrough else response
 
 
-def inside(scenario: Any, state: Any) -> Bool[Array, ""]:
+def inside(scenario: Scenario, state: PyTree) -> Bool[Array, ""]:
     """Whether a plant's state is within the scenario's limit; False for NaN too.
 
     The vehicle alone is watched: whatever in the law diverges and matters drives it out.
@@ -133,7 +135,7 @@ def inside(scenario: Any, state: Any) -> Bool[Array, ""]:
     return sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(state)), start=0.0) < scenario.limit**2
 
 
-def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held, Bool[Array, ""]]:
+def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, Memory, Bool[Array, ""]]:
     """Continuous state and memory of a run that begins now, and whether it begins within the limit.
 
     A run that does not is latched at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
@@ -142,48 +144,51 @@ def start(controller: Any, scenario: Any, signals: Signals) -> tuple[Flow, Held,
     ok = inside(scenario, state)
     state = jax.tree.map(lambda x: jnp.where(ok, x, 0.0), state)
     measurement = plant.output(state, {name: jnp.zeros_like(state.heading) for name in plant.actuators})
-    sensed = _hold(scenario.sensor, measurement)
-    if scenario.sensor is not None:
-        measurement = scenario.sensor(sensed, measurement)
-    law = controller.init(measurement, signals.reference)
-    memory = _hold(controller, measurement, signals.reference)
+    sensed = sensor(scenario).hold(measurement)
+    measurement = sensor(scenario)(sensed, measurement)
+    law, memory = controller.init(measurement, signals.reference), controller.hold(measurement, signals.reference)
     command, _ = controller.law(law, memory, measurement, signals.reference)
     inputs = _allocate(plant, command, measurement)
-    begun = {name: chain.begin(actuator(scenario, name), inputs[name]) for name in plant.actuators}
-    flows, memories = ({name: pair[i] for name, pair in begun.items()} for i in (0, 1))
+    parts = {name: actuator(scenario, name) for name in plant.actuators}
+    flows = {name: part.init(inputs[name]) for name, part in parts.items()}
+    memories = {name: part.hold(inputs[name]) for name, part in parts.items()}
     flow = Flow(plant=state, actuators=flows, controller=law)
-    return flow, Held(plant=_hold(plant, state), actuators=memories, controller=memory, sensor=sensed), ok
+    return flow, Memory(plant=plant.hold(state), actuators=memories, controller=memory, sensor=sensed), ok
 
 
-def jump(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Signals, h: Float[Array, ""]) -> Held:
+def jump(
+    controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals, h: Float[Array, ""]
+) -> Memory:
     """The memory of sensor and controller after a control instant, `h` [s] after the last one."""
-    plant = scenario.plant
-    _, _, _, delivered, _, _ = _respond(controller, scenario, flow, held, signals)
-    true = plant.output(flow.plant, delivered)
-    sensed = _jump(scenario.sensor, held.sensor, held.sensor, true, h)
-    measurement = true if scenario.sensor is None else scenario.sensor(sensed, true)
-    law = _jump(controller, held.controller, flow.controller, held.controller, measurement, signals.reference, h)
-    return Held(plant=held.plant, actuators=held.actuators, controller=law, sensor=sensed)
+    delivered = _respond(controller, scenario, flow, memory, signals).delivered
+    true = scenario.plant.output(flow.plant, delivered)
+    sensed = sensor(scenario).jump(memory.sensor, true, h)
+    measurement = sensor(scenario)(sensed, true)
+    law = controller.jump(flow.controller, memory.controller, measurement, signals.reference, h)
+    return dataclasses.replace(memory, controller=law, sensor=sensed)
 
 
-def advance(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Signals, h: Float[Array, ""]) -> Held:
+def advance(
+    controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals, h: Float[Array, ""]
+) -> Memory:
     """The memory of actuators and plant for the step that begins, `h` [s] long."""
-    plant = scenario.plant
-    _, _, inputs, _, _, _ = _respond(controller, scenario, flow, held, signals)
-    actuators = {}
-    for name, memory in held.actuators.items():
-        actuators[name] = _jump(actuator(scenario, name), memory, flow.actuators[name], memory, inputs[name], h)
-    held = Held(plant=held.plant, actuators=actuators, controller=held.controller, sensor=held.sensor)
-    _, _, _, delivered, _, _ = _respond(controller, scenario, flow, held, signals)
-    state = _jump(plant, held.plant, flow.plant, held.plant, delivered, h)
-    return Held(plant=state, actuators=actuators, controller=held.controller, sensor=held.sensor)
+    inputs = _respond(controller, scenario, flow, memory, signals).inputs
+    actuators = {
+        name: actuator(scenario, name).jump(flow.actuators[name], before, inputs[name], h)
+        for name, before in memory.actuators.items()
+    }
+    memory = dataclasses.replace(memory, actuators=actuators)
+    delivered = _respond(controller, scenario, flow, memory, signals).delivered
+    return dataclasses.replace(memory, plant=scenario.plant.jump(flow.plant, memory.plant, delivered, h))
 
 
-def derivative(controller: Any, scenario: Any, flow: Flow, held: Held, signals: Signals) -> tuple[Flow, Sample]:
+def derivative(
+    controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals
+) -> tuple[Flow, Sample]:
     """Eq. (6) under the law: the derivative of the whole continuous state, and what one sees at this instant."""
-    _, command, inputs, delivered, actuator_rates, law_rate = _respond(controller, scenario, flow, held, signals)
-    plant_rate = scenario.plant.derivative(flow.plant, held.plant, delivered, signals.disturbance)
-    seen = scenario.plant.output(flow.plant, delivered)
+    response, plant = _respond(controller, scenario, flow, memory, signals), scenario.plant
+    plant_rate = plant.derivative(flow.plant, memory.plant, response.delivered, signals.disturbance)
+    seen = plant.output(flow.plant, response.delivered)
     sample = Sample(
         time=signals.time,
         position=seen.position,
@@ -191,15 +196,13 @@ def derivative(controller: Any, scenario: Any, flow: Flow, held: Held, signals: 
         heading=seen.heading,
         reference_position=signals.reference.position,
         reference_heading=signals.reference.heading,
-        command=as_vector(command, getattr(scenario.plant, "commands_heading", True)),
-        inputs=jnp.concatenate([jnp.ravel(inputs[name]) for name in scenario.plant.actuators]),
-        delivered=jnp.concatenate([jnp.ravel(delivered[name]) for name in scenario.plant.actuators]),
-        limited=_limited(controller, scenario, flow, held, inputs),
-        controller=controller.state(flow.controller, held.controller)
-        if hasattr(controller, "state")
-        else flow.controller,
+        command=as_vector(response.command, plant.commands_heading),
+        inputs=jnp.concatenate([jnp.ravel(response.inputs[name]) for name in plant.actuators]),
+        delivered=jnp.concatenate([jnp.ravel(response.delivered[name]) for name in plant.actuators]),
+        limited=_limited(controller, scenario, flow, memory, response.inputs),
+        controller=controller.state(flow.controller, memory.controller),
     )
-    return Flow(plant=plant_rate, actuators=actuator_rates, controller=law_rate), sample
+    return Flow(plant=plant_rate, actuators=response.actuator_rates, controller=response.law_rate), sample
 
 
 def as_vector(command: Command, heading: bool) -> Float[Array, " c"]:

@@ -12,7 +12,9 @@ from jaxtyping import Array, Bool, Float
 
 from .._pytree import pytree
 from ..leaves import cast
-from ..paths.heading import default_heading, reference
+from ..paths.heading import default_heading, reference, says
+from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
+from ..scenario import Scenario
 from ..timing import Timing
 from . import loop
 from .scalarise import MOST_SCALARS, scalarise, split_tree
@@ -25,7 +27,7 @@ class Carry:
     """What one step hands to the next."""
 
     flow: loop.Flow
-    held: loop.Held
+    memory: loop.Memory
     ok: Bool[Array, ""]
     meter: Any
 
@@ -39,33 +41,33 @@ class Rollout:
 
     def __init__(
         self,
-        controller: Any,
-        scenario: Any,
-        *,
+        controller: Law,
+        scenario: Scenario,
         timing: Timing,
         dtype: Any,
         meter: Any,
     ):
+        _check_contracts(controller, scenario)
         known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
         if set(scenario.deadzone) != known or not set(scenario.actuators) <= known:
-            given = tuple(dict.fromkeys((*scenario.deadzone, *scenario.actuators)))
-            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {given}")
-        if hasattr(controller, "period") and timing.control_every != 1:
-            raise ValueError(f"control_every must be 1 for a law with a period of its own; got {timing.control_every}")
+            named = tuple(dict.fromkeys((*scenario.deadzone, *scenario.actuators)))
+            raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {named}")
         self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
         self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
         self.dt = jnp.asarray(timing.dt, self.dtype)
         self.n_steps, self.every, self.integrator = timing.n_steps, timing.control_every, timing.integrator
-        if hasattr(controller, "period"):
-            self.every = jnp.maximum(jnp.round(self.controller.period / self.dt), 1).astype(int)
+        period = self.controller.control_period()
+        if period is not None:
+            if timing.control_every != 1:
+                rule = "control_every must be 1 for a law with a period of its own"
+                raise ValueError(f"{rule}; got {timing.control_every}")
+            self.every = jnp.maximum(jnp.round(period / self.dt), 1).astype(int)
         self.end = self.dt * timing.n_steps
 
-        heading, disturbance = self.scenario.heading, self.scenario.disturbance
-        self.jumps = []  # functions that know the instant nearest to `t` at which a signal jumps
-        if hasattr(heading, "nearest_jump") and hasattr(self.scenario.path, "nearest_crossing"):
-            self.jumps.append(functools.partial(heading.nearest_jump, self.scenario.path))
-        if hasattr(disturbance, "nearest_jump"):
-            self.jumps.append(disturbance.nearest_jump)
+        path, disturbance = self.scenario.path, self.scenario.disturbance
+        self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
+        jumps = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
+        self.jumps = list(filter(says, jumps))  # functions that know the instant nearest to `t` at which a signal jumps
 
     def instant(self, index: Any) -> tuple[Any, Any, Any]:
         """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
@@ -89,17 +91,13 @@ class Rollout:
 
     def time_only(self, t: Float[Array, ""], side: Any = 0.0) -> Any:
         """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
-        path, disturbance = self.scenario.path, self.scenario.disturbance
-        heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
-        shape = (disturbance.shape if hasattr(disturbance, "shape") else disturbance)(t + side)
-        return reference(path, lambda path, time: heading(path, time + side), t), shape
+        shape = self.scenario.disturbance.shape(t + side)
+        return reference(self.scenario.path, lambda path, time: self.heading(path, time + side), t), shape
 
     def signals(self, t: Float[Array, ""], row: Any) -> loop.Signals:
         """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
         ref, shape = row
-        disturbance = self.scenario.disturbance
-        value = disturbance.scale(shape) if hasattr(disturbance, "scale") else shape
-        return loop.Signals(time=t, reference=ref, disturbance=value)
+        return loop.Signals(time=t, reference=ref, disturbance=self.scenario.disturbance.scale(shape))
 
     def table(self, first: Any, steps: int) -> Any:
         """Time-only signals of `steps` steps from number `first`, at the nodes of the integrator."""
@@ -120,42 +118,44 @@ class Rollout:
         """The first carry."""
         _, _, t, table, _ = self.row(jnp.zeros((), int))
         signals = self.signals(t[0], _first(table))
-        flow, held, ok = loop.start(self.controller, self.scenario, signals)
-        sample = loop.derivative(self.controller, self.scenario, flow, held, signals)[1]
-        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.start(sample))
+        flow, memory, ok = loop.start(self.controller, self.scenario, signals)
+        sample = loop.derivative(self.controller, self.scenario, flow, memory, signals)[1]
+        return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.start(sample))
 
-    def control(self, carry: Carry, index: Any, h: Any, signals: loop.Signals) -> loop.Held:
+    def control(self, carry: Carry, index: Any, h: Any, signals: loop.Signals) -> loop.Memory:
         """The memory in force at this step: that of the law renewed where it is a control instant."""
-        held = carry.held
-        if jax.tree.leaves((held.controller, held.sensor)):
-            held = self._looked(carry, index, signals)
-        if jax.tree.leaves((held.actuators, held.plant)):
-            held = loop.advance(self.controller, self.scenario, carry.flow, held, signals, h)
-        return held
+        memory = carry.memory
+        if jax.tree.leaves((memory.controller, memory.sensor)):
+            memory = self._looked(carry, index, signals)
+        if jax.tree.leaves((memory.actuators, memory.plant)):
+            memory = loop.advance(self.controller, self.scenario, carry.flow, memory, signals, h)
+        return memory
 
-    def _looked(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Held:
-        def renew() -> loop.Held:
+    def _looked(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Memory:
+        def renew() -> loop.Memory:
             h = self.dt * jnp.asarray(self.every).astype(self.dtype)
-            return loop.jump(self.controller, self.scenario, carry.flow, carry.held, signals, h)
+            return loop.jump(self.controller, self.scenario, carry.flow, carry.memory, signals, h)
 
         if isinstance(self.every, int) and self.every == 1:
             return renew()
-        return jax.lax.cond(index % self.every == 0, renew, lambda: carry.held)
+        return jax.lax.cond(index % self.every == 0, renew, lambda: carry.memory)
 
     def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
         """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
         index, h, t, table, weights = row
         nodes = range(len(self.integrator.nodes))
         signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
-        held = self.control(carry, index, h if self.jumps else self.dt, signals[0])
+        memory = self.control(carry, index, h if self.jumps else self.dt, signals[0])
 
         def rate(flow: loop.Flow, signal: loop.Signals) -> tuple[loop.Flow, loop.Sample]:
-            return loop.derivative(self.controller, self.scenario, flow, held, signal)
+            return loop.derivative(self.controller, self.scenario, flow, memory, signal)
 
         flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
         ok = carry.ok & loop.inside(self.scenario, flow.plant)
-        flow, held = jax.tree.map(lambda new, old: jnp.where(ok, new, old), (flow, held), (carry.flow, carry.held))
-        return Carry(flow=flow, held=held, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
+        flow, memory = jax.tree.map(
+            lambda new, old: jnp.where(ok, new, old), (flow, memory), (carry.flow, carry.memory)
+        )
+        return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 
     def run(self, save_every: int | None) -> tuple[Carry, Any, loop.Sample]:
         """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
@@ -201,6 +201,22 @@ class Rollout:
             parts.append(samples)
         last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
         return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _check_contracts(controller: Law, scenario: Scenario) -> None:
+    """Raise a TypeError for what does not derive from its base class."""
+    parts = [("controller", controller, Law), ("plant", scenario.plant, Plant), ("path", scenario.path, Path)]
+    parts += [("heading", scenario.heading, Heading), ("sensor", scenario.sensor, Sensor)]
+    parts += [("disturbance", scenario.disturbance, Disturbance)]
+    for kind in ("deadzone", "actuators"):
+        parts += [(f"{kind}.{name}", part, Element) for name, part in getattr(scenario, kind).items()]
+    for name, part, base in parts:
+        optional = part is None and name in ("heading", "sensor")
+        if not optional and not isinstance(part, base):
+            kind = type(part).__name__
+            raise TypeError(
+                f"{name}: {kind} must derive from agvjax.{base.__name__}: class {kind}(agvjax.{base.__name__})"
+            )
 
 
 def _groups(chunks: int) -> tuple[int, int]:

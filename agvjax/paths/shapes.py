@@ -9,12 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import ANY, POSITIVE, number, pytree
+from ..protocols import Path
 
 SIXTH_OF_PI = 22 / 7 / 6  # reading R15: the paper prints 22/7 for pi
 
 
 @pytree
-class Dumbbell:
+class Dumbbell(Path):
     """Section 4: x = A sin(2 w t), y = A sin(w t)."""
 
     amplitude: float = number(1.0, "m", POSITIVE, "sec. 4")
@@ -36,7 +37,7 @@ class Dumbbell:
 
 
 @pytree
-class Circle:
+class Circle(Path):
     """A circle about the origin, counter-clockwise from (radius, 0)."""
 
     radius: float = number(1.0, "m", POSITIVE)
@@ -49,7 +50,7 @@ class Circle:
 
 
 @pytree
-class Lemniscate:
+class Lemniscate(Path):
     """Bernoulli's lemniscate, half-width `amplitude`, starting at (amplitude, 0)."""
 
     amplitude: float = number(1.0, "m", POSITIVE)
@@ -67,7 +68,7 @@ class Lemniscate:
 
 
 @pytree
-class Line:
+class Line(Path):
     """A straight line from `origin` at constant velocity."""
 
     origin: Float[Array, "2"] = number((0.0, 0.0), "m", ANY, shape=(2,))

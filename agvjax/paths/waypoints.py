@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from .._pytree import POSITIVE, number, pytree, structure
 from ..geometry import bearing
+from ..protocols import Path
 
 PARTS = 8  # of a segment between two points, on which integrals are taken by Gauss' rule; halved where that is too few
 FIRST, MOST = 8, 2**16  # pieces of a segment to begin with; pieces in all beyond which the fit is given up
@@ -29,7 +30,7 @@ class Geometry(NamedTuple):
 
 
 @pytree
-class Waypoints:
+class Waypoints(Path):
     """A curve through points at speeds interpolated between them; made by `Waypoints.through`.
 
     Curvature and acceleration are continuous. A closed path is run again and again. An open one ends at its last point,
@@ -80,6 +81,10 @@ class Waypoints:
         coefficients, share, _ = self._piece(t)
         x_rate, y_rate = _powers(_slope(coefficients), share)
         return bearing(y_rate, x_rate)
+
+    def end(self) -> float:
+        """When [s] an open path stops at its last point."""
+        return np.inf if self.closed else float(self.duration)
 
     def _piece(self, t: Any) -> tuple[Any, Any, Any]:
         """The piece that is run at `t` [s], how much of it has been run, and how many there are in a second."""

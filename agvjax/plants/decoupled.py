@@ -11,6 +11,7 @@ from .._pytree import POSITIVE, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import turned
 from ..messages import Command, Measurement, Start
+from ..protocols import Plant
 
 
 @pytree
@@ -66,7 +67,7 @@ class ForwardSpeed:
 
 
 @pytree
-class Decoupled:
+class Decoupled(Plant):
     """Eq. (6), the plant the paper simulates: three independent inputs u_x, u_y, omega."""
 
     L: float = number(0.5, "m", POSITIVE, "eq. (2), reading R10")

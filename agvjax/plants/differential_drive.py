@@ -12,6 +12,7 @@ from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement
+from ..protocols import Motion
 from .unicycle import Rolling, RollingState
 
 GRAVITY = 9.81  # m/s^2
@@ -140,9 +141,9 @@ class DifferentialDrive(Rolling):
         share = self.caster_friction / (speed**2 + side**2 + slowest**2) ** 0.5
         return share * speed, share * side * self.caster_distance
 
-    def needs(self, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> dict[str, np.ndarray]:
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
         """What must be delivered for speed v, yaw rate w and their rates."""
-        inputs = {}
+        (v, w, a, alpha), inputs = motion, {}
         force, moment = self._casters(v, w)
         for name, turning, torque in zip(
             self.actuators,

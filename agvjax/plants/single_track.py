@@ -18,6 +18,7 @@ from .._pytree import ANY, NONNEGATIVE, POSITIVE, Rule, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement, Start
+from ..protocols import Motion, Plant
 from .tyre import LinearTyre, SaturatingTyre
 
 GRAVITY = 9.81  # m/s^2
@@ -76,7 +77,7 @@ def _unit(angle: Array) -> Float[Array, "2"]:
 
 
 @pytree
-class Steered:
+class Steered(Plant):
     """What vehicles that steer a front wheel have in common. The defaults are the BMW 320i's (vehicle 2)."""
 
     lf: float = number(1.1561957064, "m", POSITIVE, "a: from the centre of gravity to the front axle")
@@ -134,9 +135,9 @@ class Steered:
         """What turns rad/s^2 into a steering rate: l cos^2(delta) / max(|v|, slowest) [s]."""
         return self.L / ((1.0 + tangent**2) * jnp.maximum(jnp.abs(along), self.slowest))
 
-    def needs(self, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> dict[str, np.ndarray]:
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
         """What must be delivered for speed v, yaw rate w and their rates, without slip, and how that loads the car."""
-        L = float(self.L)
+        (v, w, a, alpha), L = motion, float(self.L)
         square = np.maximum(v**2 + (L * w) ** 2, np.finfo(float).tiny)  # cos^2(delta) = v^2 / square
         return {
             "acceleration": a,

@@ -11,6 +11,7 @@ from .._pytree import POSITIVE, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement, Start
+from ..protocols import Motion, Plant
 
 
 @pytree
@@ -23,7 +24,7 @@ class RollingState:
     yaw_rate: Float[Array, ""]  # w, rad/s
 
 
-class Rolling:
+class Rolling(Plant):
     """What all vehicles that roll without slip have in common; each brings `accelerations` and an `L`."""
 
     feedthrough = False
@@ -92,6 +93,6 @@ class Unicycle(Rolling):
         """See `Rolling.move`."""
         return self.move(state, delivered["acceleration"], delivered["yaw_acceleration"], disturbance)
 
-    def needs(self, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> dict[str, np.ndarray]:
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
         """What must be delivered for speed v, yaw rate w and their rates."""
-        return {"acceleration": a, "yaw_acceleration": alpha}
+        return {"acceleration": motion.acceleration, "yaw_acceleration": motion.yaw_acceleration}

@@ -83,7 +83,8 @@ def _found(config: Config, posed: Task, unseen: tuple[Log, ...], tick: Callable[
 
 def first_drive(config: Config, tick: Callable[[str], None]) -> Drive:
     """A drive for a vehicle of which there is no log yet."""
-    step = float(getattr(config.controller, "period", 0.02))
+    period = config.controller.control_period()
+    step = 0.02 if period is None else float(period)
     commands = commands_of(config.scenario.plant)
     model = task.of(config, (*POSE, "vx", "vy"), commands, step)
     limits = np.array(_limits(config))
@@ -98,7 +99,7 @@ def first_drive(config: Config, tick: Callable[[str], None]) -> Drive:
 
 def _limits(config: Config) -> tuple[float, ...]:
     """How large a command may be: what the computer's anti-windup says, where there is one."""
-    limits = getattr(getattr(config.controller, "anti_windup", None), "limits", None)
+    limits = config.controller.input_limits()
     count = len(config.scenario.plant.actuators)
     return tuple(np.asarray(limits, float).tolist()) if limits is not None else (np.inf,) * count
 

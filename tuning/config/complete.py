@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from typing import Any
 
-import numpy as np
-
-import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import correlated, default_draws
@@ -23,7 +19,7 @@ def complete(config: Config) -> Config:
     plant, law = config.scenario.plant, config.controller
     tune, ensemble, sweep, known = config.tune, config.ensemble, config.sweep, metrics_of(plant)
     if tune.gains is None:
-        tune = dataclasses.replace(tune, gains=tunable(law, getattr(plant, "commands_heading", True)))
+        tune = dataclasses.replace(tune, gains=law.gains_to_tune(plant.commands_heading))
     if tune.limits is None:
         limits = {name: limit for name, limit in default_limits().items() if name in known}
         tune = dataclasses.replace(tune, limits=limits)
@@ -38,14 +34,3 @@ def complete(config: Config) -> Config:
     if sweep.over is None:
         sweep = dataclasses.replace(sweep, over=default_over(plant.actuators[0]))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)
-
-
-def tunable(controller: Any, heading: bool = True) -> tuple[str, ...]:
-    """The gains to tune by default: those the law names, or every single number of a law that names none.
-
-    Those of the heading only where that can be commanded.
-    """
-    if hasattr(controller, "tunable"):
-        unused = () if heading else getattr(controller, "of_heading", ())
-        return tuple(name for name in controller.tunable if name not in unused)
-    return tuple(name for name, value in agvjax.leaves(controller).items() if np.ndim(value) == 0)

@@ -21,10 +21,14 @@ def faults(config: Config) -> list[agvjax.Fault]:
     found = agvjax.faults(config)
     if config.precision not in (32, 64):
         found.append(agvjax.Fault("precision", config.precision, "32 or 64"))
-    if isinstance(config.scenario.heading, agvjax.Bearing) and not hasattr(config.scenario.path, "bearing"):
-        rule = "tangent or a raw bearing: this path has no smooth bearing"
-        found.append(agvjax.Fault("scenario.heading", "bearing", rule, "reading R8"))
-    found += _computer(config) + _correlation(config)
+    scenario, law = config.scenario, config.controller
+    heading = [] if scenario.heading is None else scenario.heading.faults(scenario.path)
+    found += [fault._replace(key=f"scenario.{fault.key}") for fault in heading]
+    found += [fault._replace(key=f"controller.{fault.key}") for fault in law.faults(scenario.plant)]
+    if law.control_period() is not None and config.simulate.control_every != 1:
+        rule = "1: a sampled law has a period of its own"
+        found.append(agvjax.Fault("simulate.control_every", config.simulate.control_every, rule))
+    found += _correlation(config)
     return found or timing_faults(config, "simulate")
 
 
@@ -59,24 +63,6 @@ def _correlation(config: Config) -> list[agvjax.Fault]:
         rule = f"correlations of leaves in [ensemble.draws] ({error})"
         return [agvjax.Fault("ensemble.correlation", f"{len(correlation.leaves)} leaves", rule)]
     return []
-
-
-def _computer(config: Config) -> list[agvjax.Fault]:
-    """A law on a computer of its own that takes the vehicle for another kind."""
-    law, plant, found = config.controller, config.scenario.plant, []
-    if not hasattr(law, "vehicle"):
-        return found
-    if law.vehicle.actuators != plant.actuators:
-        rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
-        found.append(agvjax.Fault("controller.vehicle", type(law.vehicle).__name__, rule))
-    limits = getattr(law.anti_windup, "limits", None)
-    if limits is not None and np.size(limits) != len(law.vehicle.actuators):
-        rule = f"one for each of {', '.join(law.vehicle.actuators)}"
-        found.append(agvjax.Fault("controller.anti_windup.limits", np.asarray(limits).tolist(), rule))
-    if config.simulate.control_every != 1:
-        rule = "1: a sampled law has a period of its own"
-        found.append(agvjax.Fault("simulate.control_every", config.simulate.control_every, rule))
-    return found
 
 
 def timing_faults(config: Config, label: str) -> list[agvjax.Fault]:

@@ -90,7 +90,7 @@ def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.c
     log = Log(
         Path(file).name, float(values["t"][0]), t, np.column_stack([values[n] for n in commands]), commands, measured
     )
-    if wrong := implausible(log, where, not getattr(plant, "commands_heading", True)):
+    if wrong := implausible(log, where, not plant.commands_heading):
         raise agvjax.InputError(wrong)
     return log
 

@@ -13,7 +13,6 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 import agvjax
-from agvjax.actuators import chain
 from agvjax.engine import loop
 from agvjax.geometry import into_body, wrap
 
@@ -66,30 +65,28 @@ class Model(NamedTuple):
         blank: Any = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)  # pyright: ignore
         unflatten = ravel_pytree(plant.start(blank))[1]
         parts = {name: loop.actuator(scenario, name) for name in plant.actuators}
-        begun = {
-            name: chain.begin(part, u)
-            for (name, part), u in zip(parts.items(), self.split(stretch.inputs[0]).values(), strict=True)
-        }
-        flows, memories = ({name: pair[i] for name, pair in begun.items()} for i in (0, 1))
+        first = self.split(stretch.inputs[0])
+        flows = {name: part.init(first[name]) for name, part in parts.items()}
+        memories = {name: part.hold(first[name]) for name, part in parts.items()}
 
         def row(carry: Any, now: Any) -> tuple[Any, Any]:
             t, step, u, live = now
             inputs, h = self.split(u), step / self.substeps
 
             def rate(x: Any, signal: Any) -> Any:
-                (state, flow), (time, held) = x, signal
-                given = {n: chain.deliver(part, flow[n], held[n], inputs[n]) for n, part in parts.items()}
+                (state, flow), (time, memory) = x, signal
+                given = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
                 delivered = {n: pair[0] for n, pair in given.items()}
                 moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
                 moved = jax.tree.map(lambda dx: live * dx, moved)
                 return (moved, {n: pair[1] for n, pair in given.items()}), delivered
 
             def substep(carry: Any, k: Any) -> tuple[Any, Any]:
-                state, flow, held = carry
-                held = {n: _jump(part, flow[n], held[n], inputs[n], h) for n, part in parts.items()}
-                signals = [(t + (k + node) * h, held) for node in agvjax.RK4.nodes]
+                state, flow, memory = carry
+                memory = {n: part.jump(flow[n], memory[n], inputs[n], h) for n, part in parts.items()}
+                signals = [(t + (k + node) * h, memory) for node in agvjax.RK4.nodes]
                 (after, flow), delivered = agvjax.RK4.advance(rate, (state, flow), h, signals)
-                return (after, flow, held), channels(plant, state, delivered, self.channels)
+                return (after, flow, memory), channels(plant, state, delivered, self.channels)
 
             carry, seen = jax.lax.scan(substep, carry, jnp.arange(self.substeps).astype(s.dtype))
             return carry, seen[0]
@@ -102,10 +99,6 @@ class Model(NamedTuple):
         off = stretch.seen - self.predict(p, s, stretch)
         turns = np.array([name == "heading" for name in self.channels])
         return jnp.where(jnp.asarray(turns)[None], wrap(jnp.asarray(off)), off)
-
-
-def _jump(part: Any, flow: Any, held: Any, u: Any, h: Any) -> Any:
-    return part.jump(flow, held, u, h) if hasattr(part, "jump") else held
 
 
 class Sums(NamedTuple):

@@ -61,7 +61,8 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
     steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
-    period = min(float(getattr(config.controller, "period", steps)), float(fit.segments.h.mean()))
+    own = config.controller.control_period()
+    period = min(steps if own is None else float(own), float(fit.segments.h.mean()))
     chains = {}
     for name, chain in fitted.actuators.items():
         parts = dict(chain)
@@ -90,9 +91,7 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
 
 def _believing(config: Config, scenario: Any) -> Any:
     """The controller, its computer taking the vehicle for what was identified."""
-    law = config.controller
-    same = hasattr(law, "vehicle") and type(law.vehicle) is type(scenario.plant)
-    return dataclasses.replace(law, vehicle=scenario.plant) if same else law
+    return config.controller.believing(scenario.plant)
 
 
 def _correlation(verdict: Verdict) -> Correlation | None:

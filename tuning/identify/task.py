@@ -33,7 +33,7 @@ def check(config: Config) -> None:
     found = wanted.faults(prepared(config, 0.02), config.identify.fit)
     if config.precision != 64:
         found.append(Fault("precision", config.precision, "64: intervals come from matrices too uneven for 32 bits"))
-    if not hasattr(config.scenario.plant, "needs"):
+    if not config.scenario.plant.needs(agvjax.Motion(*np.zeros((4, 1)))):  # it does not say what it takes
         rule = "a vehicle: unicycle, differential_drive, kinematic_single_track, single_track"
         found.append(Fault("scenario.plant", type(config.scenario.plant).__name__, rule))
     if found:

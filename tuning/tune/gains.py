@@ -83,7 +83,7 @@ def smallest_slopes(scenario: Any, draws: Mapping[str, Draw]) -> tuple[float, fl
 
 def stability_bounds(controller: Any, scenario: Any, draws: Mapping[str, Draw]) -> dict[str, float]:
     """What the law's own stability conditions ask of its gains; empty for a law or a plant without any."""
-    if not hasattr(controller, "stability_bounds") or set(scenario.deadzone) != {"position", "heading"}:
+    if set(scenario.deadzone) != {"position", "heading"}:
         return {}
     return controller.stability_bounds(*smallest_slopes(scenario, draws))
 
@@ -92,9 +92,7 @@ def default_bounds(
     controller: Any, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
 ) -> dict[str, tuple[float, float]]:
     """What each gain's own rule allows, the stability conditions, and what a step of `dt` can integrate of the law."""
-    upper = {}
-    if hasattr(controller, "upper_bounds"):
-        upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
+    upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
     bounds = {}
     for name in names:
         allowed = rule_of(controller, name)

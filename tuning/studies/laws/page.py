@@ -13,7 +13,6 @@ import agvjax
 from agvjax.leaves import get
 from agvjax.metric_table import METRICS
 
-from ...config.complete import tunable
 from ...io import files
 from ...io.pages import grid, html
 from ..paper.cases import LABELS
@@ -137,7 +136,7 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
         [
             [LABELS[name], gain, float(get(tuned.start, gain)), float(get(tuned.controller, gain))]
             for name, tuned in found.items()
-            for gain in tunable(tuned.controller)
+            for gain in tuned.controller.gains_to_tune()
         ],
     )
     said = "\n".join(f"* {line}" for line in statements(made))

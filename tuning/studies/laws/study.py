@@ -12,7 +12,6 @@ import numpy as np
 
 import agvjax
 
-from ...config.complete import tunable
 from ...config.settings import Config
 from ...ensemble.draws import sample
 from ...tune.gains import Free, default_bounds, stability_bounds
@@ -93,7 +92,7 @@ class Comparison:
 
     def tune(self, name: str, law: Any) -> Tuned:
         """The best of all starts: the budget kept first, then the cost."""
-        names, timing = tunable(law), self.config.timing("tune")
+        names, timing = law.gains_to_tune(), self.config.timing("tune")
         conditions = stability_bounds(law, self.config.scenario, self.config.ensemble.draws)
         limits = default_bounds(law, names, conditions, timing.dt, timing.integrator)
         free = Free(names, np.array([limits[n][0] for n in names]), np.array([limits[n][1] for n in names]))

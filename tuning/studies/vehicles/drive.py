@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax.actuators import chain
 from agvjax.engine import loop
 from agvjax.paths.heading import reference
 
@@ -66,33 +65,30 @@ def drive(
 
 
 def _first(law: Any, scenario: Any, measurement: Any) -> Any:
-    ref = reference(scenario.path, scenario.heading, jnp.zeros(()))
-    sensor = scenario.sensor
-    memory = sensor.hold(measurement) if hasattr(sensor, "hold") else ()
-    seen = measurement if sensor is None else sensor(memory, measurement)
-    held = law.hold(seen, ref)
-    inputs = held.command.inputs
-    memories = {n: chain.begin(loop.actuator(scenario, n), inputs[n])[1] for n in scenario.plant.actuators}
-    return held, memory, memories
+    ref, sensor = reference(scenario.path, scenario.heading, jnp.zeros(())), loop.sensor(scenario)
+    sensed = sensor.hold(measurement)
+    computed = law.hold(sensor(sensed, measurement), ref)
+    inputs = computed.command.inputs
+    memories = {n: loop.actuator(scenario, n).hold(inputs[n]) for n in scenario.plant.actuators}
+    return computed, sensed, memories
 
 
 @jax.jit
 def _period(law: Any, scenario: Any, carry: Any, true: Any, t: Any) -> tuple[Any, Any]:
     """What happens at one instant: sensor, law, actuators."""
-    held, memory, memories = carry
-    ref, sensor = reference(scenario.path, scenario.heading, t), scenario.sensor
-    memory = sensor.jump(memory, true, law.period) if hasattr(sensor, "jump") else memory
-    seen = true if sensor is None else sensor(memory, true)
-    held = law.jump((), held, seen, ref, law.period)
-    inputs, delivered, later, limited = held.command.inputs, [], {}, [held.limited]
+    computed, sensed, memories = carry
+    ref, sensor = reference(scenario.path, scenario.heading, t), loop.sensor(scenario)
+    sensed = sensor.jump(sensed, true, law.period)
+    computed = law.jump((), computed, sensor(sensed, true), ref, law.period)
+    inputs, delivered, later, limited = computed.command.inputs, [], {}, [computed.limited]
     for name in scenario.plant.actuators:
         part, u = loop.actuator(scenario, name), inputs[name]
-        flow, _ = chain.begin(part, u)
+        flow = part.init(u)
         if jax.tree.leaves(flow):
             raise ValueError(f"{name}: an actuator with a continuous state cannot be driven from outside")
-        later[name] = part.jump(flow, memories[name], u, law.period) if hasattr(part, "jump") else memories[name]
-        delivered.append(chain.deliver(part, flow, later[name], u)[0])
-        limited.append(chain.at_limit(part, flow, later[name], u))
+        later[name] = part.jump(flow, memories[name], u, law.period)
+        delivered.append(part.deliver(flow, later[name], u)[0])
+        limited.append(part.limited(flow, later[name], u))
     asked = jnp.stack([inputs[name] for name in scenario.plant.actuators])
-    row = ref.position, held.command.position, asked, jnp.stack(delivered), jnp.any(jnp.stack(limited))
-    return (held, memory, later), row
+    row = ref.position, computed.command.position, asked, jnp.stack(delivered), jnp.any(jnp.stack(limited))
+    return (computed, sensed, later), row
