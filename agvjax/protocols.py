@@ -12,7 +12,7 @@ sensor's and a law's at control instants, an element's and a plant's at the star
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,9 +23,6 @@ from ._pytree import Real
 from .errors import Fault
 from .leaves import leaves
 from .messages import Command, Measurement, Reference, Start
-
-if TYPE_CHECKING:
-    from .actuators.deadzone import Deadzone
 
 Inputs = dict[str, Array]  # by actuator, what is asked of it or what it delivers
 Stable = Callable[[np.ndarray], bool]  # whether a step integrates modes with these poles [1/s]
@@ -180,7 +177,7 @@ class Plant:
         """The memory for the step that begins, `h` [s] long."""
         return memory
 
-    def deadzones(self) -> dict[str, Deadzone]:
+    def deadzones(self) -> Mapping[str, Element]:
         """Nominal deadzones of its actuators; an actuator that is not named delivers everything."""
         return {}
 

@@ -13,7 +13,7 @@ DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Timing(Mapping[str, Any]):
-    """How a run is stepped. It unpacks into the keywords of `simulate` and `evaluate`: `simulate(law, scene, **timing)`.
+    """How a run is stepped, as the keywords of `simulate` and `evaluate`: `simulate(law, scenario, **timing)`.
 
     Raises:
         ValueError: fewer than one step, in all or between two control instants.

@@ -13,7 +13,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "_pytree", "errors", "hashed", "geometry", "leaves", "integrate"),
     ("agvjax", "messages", "timing"),
     ("agvjax", "protocols"),
-    ("agvjax", "actuators", "paths", "disturbance"),
+    ("agvjax", "decorator", "actuators", "paths", "disturbance"),
     ("agvjax", "plants"),
     ("agvjax", "sensor", "controllers"),
     ("agvjax", "scenario"),
