@@ -5,11 +5,11 @@ import functools
 import io
 import re
 import tokenize
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from commands import ROOT
+
 NUMBERS = range(1, 73)
 HEADER = ["eq.", "what it says", "code", "test"]
 NO_CODE = "proof only"

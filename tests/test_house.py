@@ -4,11 +4,11 @@ import ast
 import graphlib
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from commands import ROOT
+
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
     ("agvjax", "_pytree", "errors", "hashed", "geometry", "leaves", "integrate"),
     ("agvjax", "messages", "timing"),

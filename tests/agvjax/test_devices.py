@@ -3,9 +3,10 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+
+from commands import ROOT
 
 PROGRAM = """
 import jax, jax.numpy as jnp, numpy as np
@@ -95,9 +96,8 @@ def test_metrics_and_derivatives_do_not_depend_on_the_devices():
 
 @pytest.mark.slow
 def test_the_kernel_for_gpus_agrees_with_evaluate():
-    root = Path(__file__).parents[2]
     command = [sys.executable, "-m", "benchmarks.gpu", "--interpret", "--batches", "8", "--block", "4", "--steps", "20"]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     difference = float(done.stdout.strip().splitlines()[-1].split("|")[3])
     assert 0 < difference < 1e-8

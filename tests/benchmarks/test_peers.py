@@ -3,7 +3,6 @@
 import importlib
 import shutil
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 
 import agvjax
 import reference as r
+from commands import ROOT
 from tuning import default_draws, sample
 
 DT, N_STEPS, B = 5e-3, 60, 11  # no multiple of a register's width
@@ -39,7 +39,7 @@ def batch():
 @pytest.fixture(autouse=True)
 def as_at_home(monkeypatch):
     """The peers are found beside the benchmark, and JAX promotes as its libraries expect."""
-    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[2] / "benchmarks"), *sys.path])
+    monkeypatch.setattr(sys, "path", [str(ROOT / "benchmarks"), *sys.path])
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
 

@@ -2,24 +2,21 @@
 
 import csv
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
 import tomllib
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 import agvjax
+from commands import FAST, ROOT, arguments, files_of, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 
-ROOT = Path(__file__).parents[3]
-FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
 TUNE = [
     *FAST,
     "tune.dt=0.01",
@@ -39,32 +36,6 @@ TUNE = [
 ]
 FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history", "sensitivity")}
 TUNED = ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "metrics.jsonl"]
-
-
-def arguments(command, out, settings=(), *more):
-    return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
-
-
-def start(argv, program=("-m", "tuning.cli"), **options):
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    ours = ("XLA_FLAGS", "TF_CPP_MIN_LOG_LEVEL")  # set by the JAX of this process
-    environment = {k: v for k, v in os.environ.items() if k not in ours} | {"PYTHONPATH": path}
-    command = [sys.executable, *program, *argv]
-    return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
-    )
-
-
-def run(argv, code=0):
-    process = start(argv)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == code, err
-    assert "Traceback" not in err
-    return out, err
-
-
-def files_of(folder):
-    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from test_command_line import arguments, run, start
+from commands import arguments, run, start
 from tuning.sweep import results, shards
 
 SWEEP = [

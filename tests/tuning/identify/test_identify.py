@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 
 import agvjax
 from agvjax.leaves import get
+from commands import ROOT
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.ensemble.draws import sample
@@ -24,7 +25,7 @@ from tuning.identify.excitation import Designer, Room, candidate
 from tuning.identify.log import Column, load, together
 from tuning.identify.segments import Segments, cut, noise
 
-LOGS = Path(__file__).parents[3] / "notebooks" / "logs"
+LOGS = ROOT / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -21,7 +20,6 @@ from tuning.ensemble.draws import Span, uniform
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 
-ROOT = Path(__file__).parents[3]
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
 
 

@@ -1,0 +1,35 @@
+"""The command line as a user calls it: in a process of its own, from the source tree."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]  # of the repository
+FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
+
+
+def arguments(command, out, settings=(), *more):
+    return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
+
+
+def start(argv, program=("-m", "tuning.cli"), **options):
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    ours = ("XLA_FLAGS", "TF_CPP_MIN_LOG_LEVEL")  # set by the JAX of this process
+    environment = {k: v for k, v in os.environ.items() if k not in ours} | {"PYTHONPATH": path}
+    command = [sys.executable, *program, *argv]
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def run(argv, code=0):
+    process = start(argv)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == code, err
+    assert "Traceback" not in err
+    return out, err
+
+
+def files_of(folder):
+    return sorted(path.name for path in folder.iterdir())
