@@ -96,6 +96,10 @@ class Decoupled(Plant):
         """The inputs of the actuators: `position` (2,) [m/s^2] and `heading` () [rad/s]."""
         return {"position": command.position, "heading": command.heading}
 
+    def parts(self, actuator: str) -> tuple[str, ...]:
+        """The names of what an actuator delivers: the position's are two."""
+        return ("position_x", "position_y") if actuator == "position" else (actuator,)
+
     def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
         """The position command [m/s^2] that inputs amount to."""
         return inputs["position"]

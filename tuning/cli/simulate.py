@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 import agvjax
 from agvjax import Fault, InputError
@@ -24,36 +24,26 @@ from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, trajectory_of, warn
 
+Number = float | str  # or words where there is none
+Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
     config, console = configure(arguments)
     if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
         config = _of_sweep(arguments, config)
+    plant = config.scenario.plant
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
     trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
-    metrics = agvjax.measure(trajectory, agvjax.Criteria(delivered=True))
-    names = config.scenario.plant.actuators
-    fields = ("t", "position", "velocity", "heading", "reference_position", "reference_heading")
-    fields += ("command", "inputs", "delivered", "limited")
-    arrays = {name: getattr(trajectory, name) for name in fields}
-    if trajectory.weight_norm is not None:
-        arrays["weight_norm"] = trajectory.weight_norm
-    files.write_npz(out / "trajectory.npz", arrays)
-    files.write_json(out / "metrics.json", _spoken(metrics, names))
-    drawn = {"run": trajectory}
-    for name, figure in (
-        ("path", plot.path(drawn)),
-        ("errors", plot.errors(drawn)),
-        ("commands", plot.commands(drawn)),
-    ):
-        files.write_figure(out / f"{name}.png", figure)
-    if "position" not in names:  # where they are not the commands themselves
-        files.write_figure(out / "inputs.png", plot.inputs(trajectory, names))
+    numbers = _numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
+    files.write_npz(out / "trajectory.npz", _arrays(trajectory))
+    files.write_json(out / "metrics.json", numbers)
+    _draw(trajectory, plant, out)
     if arguments.animate:
-        _animate(console, out, drawn)
-    console.say(_metrics_table(metrics, names), _delivered_table(metrics, names), f"written to {out}")
+        _animate(console, out, trajectory)
+    console.say(_tables(numbers), f"written to {out}")
     if not trajectory.ok:
         raise RunFailed(
             f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
@@ -88,49 +78,52 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 
 
-def _animate(console: Console, out: Path, drawn: dict[str, Any]) -> None:
+def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
+    """All that is sampled, but the state of the law, by name."""
+    arrays = {f.name: getattr(trajectory, f.name) for f in dataclasses.fields(trajectory)}
+    return {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok")}
+
+
+def _draw(trajectory: agvjax.Trajectory, plant: agvjax.Plant, out: Path) -> None:
+    for draw in (plot.path, plot.errors, plot.commands):
+        files.write_figure(out / f"{draw.__name__}.png", draw({"run": trajectory}))
+    if "position" not in plant.actuators:  # where they are not the commands themselves
+        files.write_figure(out / "inputs.png", plot.inputs(trajectory, plant.actuators))
+
+
+def _animate(console: Console, out: Path, trajectory: agvjax.Trajectory) -> None:
     from agvjax.draw import animate  # late: few ask for it
 
-    moving = animate.animation(drawn)
+    moving = animate.animation({"run": trajectory})
     with console.bar(moving.frames, "frame") as bar:
         files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, bar.update))
 
 
-def _spoken(metrics: agvjax.Metrics, actuators: Sequence[str]) -> dict[str, Any]:
+def _numbers(metrics: agvjax.Metrics, plant: agvjax.Plant) -> Numbers:
     """Metrics for `metrics.json`: a channel that has not settled says so and gives no number."""
-    spoken: dict[str, Any] = {"ok": bool(metrics.ok)}
+    delivered = [part for name in plant.actuators for part in plant.parts(name)]
+    numbers: Numbers = {"ok": bool(metrics.ok)}
     for field in dataclasses.fields(metrics):
         if field.name in ("ok", "settled", "settling_smooth", "limited"):
             continue
         values = np.asarray(getattr(metrics, field.name)).tolist()
         if field.name == "settling_time":
-            values = [
-                v if s else "not settled" for v, s in zip(values, np.asarray(metrics.settled).tolist(), strict=True)
-            ]
-        places = _each(actuators, len(values)) if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
-        spoken[field.name] = dict(zip(places, values, strict=True))
+            values = [v if s else "not settled" for v, s in zip(values, metrics.settled, strict=True)]
+        places = delivered if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
+        numbers[field.name] = dict(zip(places, values, strict=True))
     names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "limited")
     heading = np.size(metrics.rmse) == 3
-    return spoken | {n: float(getattr(metrics, n)) for n in names if heading or n != "peak_heading"}
+    return numbers | {n: float(getattr(metrics, n)) for n in names if heading or n != "peak_heading"}
 
 
-def _each(actuators: Sequence[str], count: int) -> list[str]:
-    """A name for each number that the actuators deliver: the position's of the decoupled plant are two."""
-    return list(actuators) if len(actuators) == count else ["position_x", "position_y", *actuators[1:]]
+def _tables(numbers: Numbers) -> str:
+    """The metrics by channel, and what the actuators delivered."""
+    rows = {name: values for name, values in numbers.items() if isinstance(values, dict)}
+    delivered = {name.removesuffix("_delivered"): rows.pop(name) for name in list(rows) if name.endswith("_delivered")}
+    limited = f"\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
+    return f"{_table('metric', rows)}\n\n{_table('delivered', delivered)}{limited}"
 
 
-def _metrics_table(metrics: agvjax.Metrics, actuators: Sequence[str]) -> str:
-    channels = plot.CHANNELS[: np.size(metrics.rmse)]
-    spoken = _spoken(metrics, actuators)
-    rows = []
-    for name, values in spoken.items():
-        if isinstance(values, dict) and not name.endswith("_delivered"):
-            rows.append([name, *(v if isinstance(v, str) else f"{v:.5g}" for v in values.values())])
-    return grid(["metric", *channels], rows)
-
-
-def _delivered_table(metrics: agvjax.Metrics, actuators: Sequence[str]) -> str:
-    parts = {name: np.asarray(getattr(metrics, f"{name}_delivered")) for name in ("rms", "peak", "variation")}
-    columns = _each(actuators, parts["rms"].size)
-    table = grid(["delivered", *columns], [[name, *(f"{v:.5g}" for v in value)] for name, value in parts.items()])
-    return f"\n{table}\nat a limit {float(metrics.limited):.1%} of the time" if metrics.limited else f"\n{table}"
+def _table(corner: str, rows: Mapping[str, Mapping[str, Number]]) -> str:
+    lines = [[name, *(x if isinstance(x, str) else f"{x:.5g}" for x in row.values())] for name, row in rows.items()]
+    return grid([corner, *next(iter(rows.values()))], lines)
