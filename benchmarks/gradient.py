@@ -12,9 +12,9 @@ import numpy as np
 
 import agvjax
 
+from .contest import jax_ready
 from .rollout import ensemble
 from .turns import ratio, take_turns
-from .worker import jax_ready
 
 GAINS = agvjax.NeuroBackstepping.tunable
 

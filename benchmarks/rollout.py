@@ -11,8 +11,8 @@ import numpy as np
 
 from agvjax.engine.xla import cores
 
+from .contest import PEERS, jax_ready
 from .turns import rate, ratio, take_turns
-from .worker import PEERS, jax_ready
 
 LAP = 12.0  # s
 STEPS = {"numpy": 1200, "scipy": 12000, "casadi": 12000}  # per run: long enough to be timed, short enough to wait for

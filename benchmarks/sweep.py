@@ -9,8 +9,8 @@ from typing import Any
 
 from agvjax.engine.xla import cores
 
+from .contest import jax_ready
 from .turns import rate, ratio, take_turns
-from .worker import jax_ready
 
 SIZE, STEPS = 65_536, 1200  # scenarios; steps of .01 s
 

@@ -6,13 +6,9 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-
-PEERS = {"numpy": "numpy_batch", "numba": "numba_loop", "scipy": "scipy_ivp", "diffrax": "diffrax_loop"}
-PEERS |= {"casadi": "casadi_loop", "c": "c_loop"}
 
 
 def main() -> None:
@@ -40,18 +36,6 @@ def main() -> None:
 def summary(result: Any) -> float:
     """One number to see that all did the same."""
     return float(np.sqrt(np.mean(np.asarray(result, float) ** 2)))
-
-
-def jax_ready(job: dict[str, Any]) -> Callable[[Any], Any]:
-    """Start JAX as the job wants it: compiler options, precision. Returns what waits for a result."""
-    import agvjax
-
-    if job.get("flags", "fast") != "default":
-        print(agvjax.tune_xla(reverse=job.get("flags") == "reverse", devices=job.get("threads", 1)), file=sys.stderr)
-    import jax
-
-    jax.config.update("jax_enable_x64", job.get("dtype", "float32") == "float64")
-    return jax.block_until_ready
 
 
 if __name__ == "__main__":
