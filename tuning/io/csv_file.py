@@ -62,10 +62,8 @@ def read(
     for name in wanted:
         place, empty = header.index(name), name in blank
         table[name] = np.array([_cell(file, line, name, cells[place], empty) for line, cells in rows[1:]])
-    if time in table and np.any(np.diff(table[time]) <= 0):
-        at = int(np.argmax(np.diff(table[time]) <= 0))
-        now, before = (f"{table[time][i]:.15g}" for i in (at + 1, at))
-        raise ValueError(f"{file}, row {rows[at + 2][0]}, column {time}: {now} must be above {before}, the time before")
+    if time in table:
+        _increasing(file, rows, time, table[time])
     return table
 
 
@@ -82,6 +80,14 @@ def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optiona
     if double:
         raise ValueError(f"{file} has more than one column {', '.join(double)}")
     return wanted
+
+
+def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, values: np.ndarray) -> None:
+    """Refuse times that do not increase from row to row."""
+    if np.any(np.diff(values) <= 0):
+        at = int(np.argmax(np.diff(values) <= 0)) + 1
+        now, before = (f"{values[i]:.15g}" for i in (at, at - 1))
+        raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} must be above {before}, the time before")
 
 
 def _rows(file: str | Path) -> list[tuple[int, list[str]]]:
