@@ -252,6 +252,6 @@ def test_odd_scenarios_are_left_alone():
 
 def test_the_report_of_a_tuning_says_it_too():
     poor = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=1.0"]
-    text = report._path(configuration.load([], poor, "simulate"))
+    text = report._path(configuration.load([], poor))
     assert "## The path" in text and "* acceleration: the path needs 1.6 m/s^2" in text
-    assert report._path(configuration.load([], [], "simulate")) == ""
+    assert report._path(configuration.load([], [])) == ""

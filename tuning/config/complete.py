@@ -12,11 +12,12 @@ from .settings import SWEPT_METRICS, Config, default_limits, default_over
 
 
 def complete(config: Config) -> Config:
-    """The configuration with gains, limits, draws and axes of its own law and plant where it names none.
+    """The configuration with gains, limits, draws and axes of its own law and scenario where it names none.
 
-    Everything that takes a configuration calls this first, so that Python and TOML mean the same.
+    What is drawn and swept by default is what of the paper's problem the scenario has. Everything that takes a
+    configuration calls this first, so that Python and TOML mean the same.
     """
-    plant, law = config.scenario.plant, config.controller
+    plant, law, leaves = config.scenario.plant, config.controller, agvjax.leaves(config.scenario)
     tune, ensemble, sweep, known = config.tune, config.ensemble, config.sweep, metrics_of(plant)
     if tune.gains is None:
         tune = dataclasses.replace(tune, gains=law.gains_to_tune(plant.commands_heading))
@@ -24,7 +25,8 @@ def complete(config: Config) -> Config:
         limits = {name: limit for name, limit in default_limits().items() if name in known}
         tune = dataclasses.replace(tune, limits=limits)
     if ensemble.draws is None:
-        ensemble = dataclasses.replace(ensemble, draws=default_draws(plant.actuators))
+        draws = {name: draw for name, draw in default_draws(plant.actuators).items() if name in leaves}
+        ensemble = dataclasses.replace(ensemble, draws=draws)
     if ensemble.correlation is not None:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
             draws = correlated(ensemble.draws or {}, ensemble.correlation)
@@ -32,5 +34,6 @@ def complete(config: Config) -> Config:
     if sweep.metrics is None:
         sweep = dataclasses.replace(sweep, metrics=tuple(name for name in SWEPT_METRICS if name in known))
     if sweep.over is None:
-        sweep = dataclasses.replace(sweep, over=default_over(plant.actuators[0]))
+        axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
+        sweep = dataclasses.replace(sweep, over=tuple(axis for axis in axes if axis))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import tomllib
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import agvjax
 
-from .complete import complete
-from .read import DRAWS, Reader
-from .rules import Rules, faults
+from . import imports as files_of_classes
+from .codecs import KINDS, Toml
+from .read import Reader
+from .rules import Rules, checked, faults
 from .settings import VERSION, Config
 
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
@@ -20,8 +22,9 @@ PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "ro
 def load(
     files: Sequence[str],
     overrides: Sequence[str] = (),
-    rules: Rules = faults,
-    more: Mapping[str, Any] | None = None,
+    rules: Rules | str = faults,
+    more: Mapping[str, Toml] | None = None,
+    imports: Sequence[str] = (),
 ) -> Config:
     """The defaults, each file, each `key=value`, then `more` by dotted key; completed and checked.
 
@@ -30,44 +33,59 @@ def load(
         overrides: settings as `key=value`.
         rules: what is wrong with a configuration; every room has such a function for what it needs.
         more: values by dotted key.
+        imports: files of Python with classes of one's own, which TOML then knows by name; they are executed.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    table: dict[str, Any] = {}
+    given, table = files_of_classes.load_files(imports), {}
     for name in files:
-        try:
-            file = PRESETS / f"{name}.toml" if name in BUILT_IN else Path(name)
-            _merge(table, tomllib.loads(file.read_text(encoding="utf-8-sig")))
-        except (OSError, ValueError, RecursionError) as error:
-            rule = f"a readable TOML file, or one of {', '.join(BUILT_IN)} ({error})"
-            raise agvjax.InputError([agvjax.Fault("--config", name, rule)]) from error
+        part = _parsed(name)
+        if missing := files_of_classes.missing(part.get("imports", {}), given):
+            raise agvjax.InputError(missing)
+        _merge(table, part)
     for text in overrides:
         _merge(table, _override(text))
     for key, value in (more or {}).items():
         _merge(table, _nested(key, value))
-    return resolve(table, rules)
+    return resolve(table, rules, imports)
 
 
-def resolve(table: Mapping[str, Any], rules: Rules = faults) -> Config:
+def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Sequence[str] = ()) -> Config:
     """The configuration that a table of TOML means, completed and checked by `rules`.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    version = table.get("version", VERSION)
+    version, given = table.get("version", VERSION), files_of_classes.load_files(imports)
     if version != VERSION:
         raise agvjax.InputError([agvjax.Fault("version", repr(version), f"{VERSION}, the file format of this release")])
-    reader = Reader()
-    first = {key: table[key] for key in ("scenario",) if key in table}  # a computer takes its vehicle for this one
-    config = complete(reader.fields("", Config(), first | dict(table)))
-    found = reader.faults + rules(config)
-    if found:
-        raise agvjax.InputError(found)
-    return config
+    if missing := files_of_classes.missing(table.get("imports", {}), given):
+        raise agvjax.InputError(missing)
+    reader = Reader(files_of_classes.classes(given))
+    config = reader.config({name: part for name, part in table.items() if name != "imports"}, Config(imports=given))
+    return checked(config, _rules(rules) if isinstance(rules, str) else rules, reader.faults)
 
 
-def _override(text: str) -> Any:
+def _rules(command: str) -> Rules:
+    """The rules of a command by its name, as they were given before each room had its own."""
+    warnings.warn(
+        f"hand the rules of the room over, not {command!r}: tuning.{command}.rules.faults", DeprecationWarning, 4
+    )
+    return importlib.import_module(f"tuning.{command}.rules").faults if command in ("tune", "sweep") else faults
+
+
+def _parsed(name: str) -> dict[str, Toml]:
+    """The table of a file or of a preset."""
+    try:
+        file = PRESETS / f"{name}.toml" if name in BUILT_IN else Path(name)
+        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        rule = f"a readable TOML file, or one of {', '.join(BUILT_IN)} ({error})"
+        raise agvjax.InputError([agvjax.Fault("--config", name, rule)]) from error
+
+
+def _override(text: str) -> Toml:
     key, equals, value = text.partition("=")
     if not equals or not key.strip() or "\n" in text:
         raise agvjax.InputError([agvjax.Fault("--set", repr(text), "key=value")])
@@ -78,13 +96,13 @@ def _override(text: str) -> Any:
     return _nested(key.strip(), parsed)
 
 
-def _nested(key: str, value: Any) -> Any:
+def _nested(key: str, value: Toml) -> Toml:
     for part in reversed(key.split(".")):
         value = {part: value}
     return value
 
 
-def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
+def _merge(into: dict[str, Toml], table: Mapping[str, Toml]) -> None:
     for key, value in table.items():
         if isinstance(value, Mapping) and isinstance(into.get(key), str):
             into[key] = {"type": into[key]}  # a name stands for its table
@@ -94,8 +112,8 @@ def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
             into[key] = value
 
 
-def _another(before: Mapping[str, Any], table: Mapping[str, Any]) -> bool:
+def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:
     """Whether this is a table of another type, or a whole distribution: nothing of the one before it means anything."""
     if "type" in before or "type" in table:
         return before.get("type", table.get("type")) != table.get("type", before.get("type"))
-    return all(any(not isinstance(one.get(kind, True), bool) for kind in DRAWS) for one in (before, table))
+    return all(any(not isinstance(one.get(kind, True), bool) for kind in KINDS) for one in (before, table))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
 
 import agvjax
 
@@ -32,7 +32,17 @@ PARTS = {
     "surface": {"none": None, "patch": agvjax.FrictionPatch},
 }
 FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
-CLASSES: dict[str, dict[str, Any]] = {
+ELEMENTS = {
+    "deadzone": agvjax.Deadzone,
+    "saturation": agvjax.Saturation,
+    "quantisation": agvjax.Quantisation,
+    "lag": agvjax.Lag,
+    "backlash": agvjax.Backlash,
+    "rate_limit": agvjax.RateLimit,
+    "delay": agvjax.Delay,
+}
+Classes = Mapping[str, Mapping[str, type | None]]  # by key, then by name; None stands for nothing of the kind
+CLASSES: Classes = {
     "controller": LAWS | COMPOSED | {"sampled": agvjax.Sampled},
     "controller.inner": LAWS,
     "controller.filter": FILTERS,
@@ -66,13 +76,5 @@ CLASSES: dict[str, dict[str, Any]] = {
         "band_limited_noise": agvjax.BandLimitedNoise,
         "recorded": agvjax.Recorded,
     },
-}
-ELEMENTS = {
-    "deadzone": agvjax.Deadzone,
-    "saturation": agvjax.Saturation,
-    "quantisation": agvjax.Quantisation,
-    "lag": agvjax.Lag,
-    "backlash": agvjax.Backlash,
-    "rate_limit": agvjax.RateLimit,
-    "delay": agvjax.Delay,
+    "elements": ELEMENTS,
 }

@@ -7,10 +7,14 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 import agvjax
+from agvjax.protocols import Disturbance, Heading, Law, Path, Plant, Sensor
 
 from ..ensemble.draws import correlated
 from .complete import complete
+from .imports import classes
+from .read import Reader
 from .settings import Config
+from .write import table_of
 
 MOST_STEPS = 1e8
 Rules = Callable[[Config], list[agvjax.Fault]]  # what is wrong with a configuration, of a room
@@ -19,8 +23,6 @@ Rules = Callable[[Config], list[agvjax.Fault]]  # what is wrong with a configura
 def faults(config: Config) -> list[agvjax.Fault]:
     """What is wrong with law, scenario and step, whatever is done with them."""
     found = agvjax.faults(config)
-    if config.precision not in (32, 64):
-        found.append(agvjax.Fault("precision", config.precision, "32 or 64"))
     scenario, law = config.scenario, config.controller
     heading = [] if scenario.heading is None else scenario.heading.faults(scenario.path)
     found += [fault._replace(key=f"scenario.{fault.key}") for fault in heading]
@@ -33,15 +35,48 @@ def faults(config: Config) -> list[agvjax.Fault]:
 
 
 def check(config: Config, rules: Rules = faults) -> Config:
-    """A configuration, completed and found usable by the `rules` of a room.
+    """A configuration made in Python, completed and found usable by the `rules` of a room.
+
+    Its settings are read once more from the table that would be written of them, so that a wrong one is refused with
+    the words that a file would get, and numbers of NumPy and lists are what they are after a file.
+
+    Raises:
+        agvjax.InputError: lists every bad key, its value and the rule.
+    """
+    if wrong := _foreign(config):
+        raise agvjax.InputError(wrong)
+    table, writer = table_of(config, settings=True)
+    reader = Reader(classes(config.imports))
+    bare = Config(controller=config.controller, scenario=config.scenario, imports=config.imports)
+    return checked(reader.config(table, bare), rules, writer.faults + reader.faults)
+
+
+def checked(config: Config, rules: Rules, wrong: list[agvjax.Fault]) -> Config:
+    """A configuration with what is `wrong` with its table so far, completed and found usable.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     config = complete(config)
-    if found := rules(config):
-        raise agvjax.InputError(found)
+    if wrong := wrong + rules(config):
+        raise agvjax.InputError(wrong)
     return config
+
+
+def _foreign(config: Config) -> list[agvjax.Fault]:
+    """Law and scenario, and the parts of it, that are no such thing."""
+    bases = {"controller": Law, "scenario": agvjax.Scenario}
+    parts = {name: getattr(config, name) for name in bases}
+    if isinstance(config.scenario, agvjax.Scenario):
+        more = {"plant": Plant, "path": Path, "disturbance": Disturbance, "heading": Heading, "sensor": Sensor}
+        bases |= {f"scenario.{name}": base for name, base in more.items()}
+        parts |= {f"scenario.{name}": getattr(config.scenario, name) for name in more}
+    none = ("scenario.heading", "scenario.sensor")
+    return [
+        agvjax.Fault(name, repr(part), f"an agvjax.{bases[name].__name__}: of a class that derives from it")
+        for name, part in parts.items()
+        if not isinstance(part, bases[name]) and not (part is None and name in none)
+    ]
 
 
 def unique(found: Iterable[agvjax.Fault]) -> list[agvjax.Fault]:

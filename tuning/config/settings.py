@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 import agvjax
 from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
 from agvjax.metric_table import METRICS
+from agvjax.protocols import Law
 from agvjax.timing import DT, N_STEPS
 
 from ..ensemble.draws import Between, Correlation, Draw, Span, Times
@@ -30,12 +32,13 @@ MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2*
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
 WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
 FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
-EXPORTS = ("netcdf", "parquet")
 SWEPT_METRICS = ("rmse", "effort", "peak_position", "peak_heading", "chatter", "settling_time")
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
-CHOICES = {"simulate.integrator": tuple(agvjax.INTEGRATORS), "tune.integrator": tuple(agvjax.INTEGRATORS)}
-CHOICES |= {"sweep.integrator": tuple(agvjax.INTEGRATORS), "sweep.design": DESIGNS}
-CHOICES |= {"tune.gradient": ("auto", "forward", "reverse"), "pareto.metric": tuple(METRICS)}
+
+
+def choice(default: Any, options: Iterable[Any]) -> Any:
+    """A field that holds one of some words or numbers."""
+    return dataclasses.field(default=default, metadata={"choices": tuple(options)})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,7 +47,7 @@ class Simulate:
 
     dt: float = number(DT, "s", POSITIVE, "reading R10")
     horizon: float = number(DT * N_STEPS, "s", POSITIVE, "reading R10")
-    integrator: str = "rk4"
+    integrator: str = choice("rk4", agvjax.INTEGRATORS)
     save_every: int = number(1, "steps", COUNT)
     control_every: int = number(1, "steps", COUNT)
 
@@ -108,7 +111,6 @@ class Tune:
     gains: tuple[str, ...] = OPEN  # those that the law itself names
     tied: dict[str, str] = dataclasses.field(default_factory=dict)
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    choices: dict[str, list[Any]] = dataclasses.field(default_factory=dict)
     goals: dict[str, Weights] = dataclasses.field(default_factory=default_goals)
     limits: dict[str, Limit] = OPEN  # those of `default_limits` that the plant has
     tail: float = number(0.1, "share of the ensemble", FRACTION)
@@ -116,8 +118,8 @@ class Tune:
     sample_rate: float = number(0.0, "Hz, 0 for 1 / dt", RATE)
     penalty: float = number(3.0, "1", NONNEGATIVE)
     dt: float = number(5e-3, "s", POSITIVE)
-    integrator: str = "rk4"
-    gradient: str = "auto"
+    integrator: str = choice("rk4", agvjax.INTEGRATORS)
+    gradient: str = choice("auto", ("auto", "forward", "reverse"))
     optimizer: str = "sqp"
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
     learning_rate: float = number(0.1, "1", POSITIVE)
@@ -134,7 +136,7 @@ class Tune:
 class Pareto:
     """The front of the goal against one limit, in multiples of the starting gains'."""
 
-    metric: str = "effort"
+    metric: str = choice("effort", METRICS)
     low: float = number(0.8, "times", POSITIVE)
     high: float = number(1.5, "times", POSITIVE)
     points: int = number(8, "1", STARTS)
@@ -160,7 +162,7 @@ class Sweep:
 
     over: tuple[dict[str, Span], ...] = OPEN  # crossed; a table's leaves move as one; see `default_over`
     ensemble: bool = False  # draw the other leaves of the tuning ensemble too
-    design: str = "random"  # of what is sampled
+    design: str = choice("random", DESIGNS)  # of what is sampled
     samples: int = number(1024, "at every node of the grid", SWEPT)
     controllers: tuple[str, ...] = ()  # beside the configured one: files of gains, or names of laws
     metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
@@ -168,8 +170,7 @@ class Sweep:
     radius: bool = True  # look for the largest box around nominal in which nothing fails
     shard: int = number(8192, "scenarios", MANY)
     dt: float = number(1e-2, "s", POSITIVE)
-    integrator: str = "rk4"
-    export: tuple[str, ...] = ()
+    integrator: str = choice("rk4", agvjax.INTEGRATORS)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -196,11 +197,12 @@ class Identify:
 class Config:
     """Everything a command needs to know."""
 
-    version: int = VERSION
+    version: int = choice(VERSION, (VERSION,))
+    imports: dict[str, str] = dataclasses.field(default_factory=dict)  # files of one's own classes: name, SHA-256
     seed: int = number(0, "1", WHOLE)
-    precision: int = 64
-    controller: Any = agvjax.NeuroBackstepping()
-    scenario: Any = dataclasses.field(default_factory=agvjax.Scenario)
+    precision: int = choice(64, (32, 64))  # bits of a floating-point number
+    controller: Law = agvjax.NeuroBackstepping()
+    scenario: agvjax.Scenario = dataclasses.field(default_factory=agvjax.Scenario)
     simulate: Simulate = Simulate()
     ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
     tune: Tune = dataclasses.field(default_factory=Tune)

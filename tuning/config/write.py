@@ -6,84 +6,128 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 import tomli_w
 
 import agvjax
 
-from ..ensemble.draws import (
-    Between,
-    Correlated,
-    Correlation,
-    Distribution,
-    OneOf,
-    Span,
-    Times,
-)
-from ..io.csv_file import Column
-from .names import CLASSES, ELEMENTS
+from .codecs import CODECS, Toml, flat
+from .imports import classes, source
+from .names import CLASSES
+from .read import Reader
 from .recipes import RECIPES
-from .settings import VERSION, Bound, Config, Limit, Weights
+from .settings import VERSION, Config
 
 
-def dump(config: Config) -> str:
-    """The resolved configuration as TOML; `load` reads it back to the same."""
-    return tomli_w.dumps(_fields("", config))
+class Writer:
+    """Makes tables of objects; collects what TOML has no words for, and the files that classes come from."""
 
+    def __init__(self, plant: agvjax.Plant) -> None:
+        self.faults: list[agvjax.Fault] = []
+        self.imports: dict[str, str] = {}
+        self.plant = plant  # the scenario's
 
-def _table(key: str, value: Any) -> Any:
-    if isinstance(value, (Between, Times)):
-        return {type(value).__name__.lower(): list(value)}
-    if isinstance(value, OneOf):
-        return {"one_of": list(value.values)}
-    if isinstance(value, Correlated):
-        return _table(key, value.marginal)
-    if isinstance(value, Column):
-        more = {name: x for name, x in (("unit", value.unit), ("factor", value.factor)) if x not in ("", 1.0)}
-        return {"column": value.column, **more} if more else value.column
-    if isinstance(value, Correlation):
-        return {"leaves": list(value.leaves), "matrix": [list(row) for row in value.matrix]}
-    if isinstance(value, Distribution):
-        return {"distribution": value.name, **value.parameters, "times": value.times}
-    if isinstance(value, Span):
-        return _table(key, value.draw) | (
-            {"points": value.points} if value.points and not isinstance(value.draw, OneOf) else {}
-        )
-    if isinstance(value, (Weights, Limit, Bound)):
-        given = {n: x for n, x in vars(value).items() if x != getattr(type(value)(), n)}
-        return given or {"value": value.value} if isinstance(value, Bound) else given
-    if key.startswith("tune.choices."):
-        return value
-    if key in CLASSES:
-        known = [n for n, c in CLASSES[key].items() if (value is None if c is None else type(value) is c)]
-        kind = known[0] if known else f"{type(value).__module__}.{type(value).__qualname__}"  # the user's own
+    def write(self, key: str, value: Any, usual: Any) -> Toml:
+        """What stands at `key`; `usual` is the default there."""
+        if key in CLASSES:
+            return self.typed(key, value, key)
+        if key in CODECS:
+            return CODECS[key].write(self, key, value)
+        if not dataclasses.is_dataclass(usual):
+            return value
+        if type(value) is not type(usual):
+            self.refuse(key, value, f"{type(usual).__name__}: no other class can stand here in TOML")
+            return {}
+        return self.fields(key, value)
+
+    def typed(self, key: str, value: Any, place: str) -> Toml:
+        """An object with the name of its class, of those that may stand in a `place`."""
+        names = [name for name, cls in CLASSES[place].items() if (value is None if cls is None else type(value) is cls)]
+        if not names and (file := source(type(value), place)):
+            names = [type(value).__name__]
+            self.imports[file.name] = file.digest
+        if not names:
+            self.refuse(key, value, f"of a class that TOML has a name for here: {', '.join(CLASSES[place])}, or one")
+            names = [f"{type(value).__module__}.{type(value).__qualname__}"]
         recipe = RECIPES.get(type(value))
-        fields = {} if value is None else recipe.table(value) if recipe else _fields(key, value)
-        return {"type": kind, **fields} if fields else kind
-    if dataclasses.is_dataclass(value):
-        return _fields(key, value)
-    if isinstance(value, agvjax.Chain):
-        kinds = {cls: kind for kind, cls in ELEMENTS.items()}
-        return {name: {"type": kinds[type(part)], **_fields(f"{key}.{name}", part)} for name, part in value.items()}
-    if isinstance(value, Mapping):
-        return {name: _table(f"{key}.{name}", part) for name, part in value.items()}
-    if isinstance(value, tuple):
-        return [_table(key, part) for part in value]
-    plain = np.asarray(value)
-    return value if isinstance(value, (str, bool)) else plain.tolist()
+        fields = recipe.table(value) if recipe else self.fields(key, value) if dataclasses.is_dataclass(value) else {}
+        return {"type": names[0], **fields} if fields or place == "elements" else names[0]
+
+    def fields(self, key: str, value: Any) -> dict[str, Toml]:
+        """The fields of a dataclass; None is left out where it has no name."""
+        table = {}
+        for field in dataclasses.fields(value):
+            name, part = f"{key}.{field.name}" if key else field.name, getattr(value, field.name)
+            usual = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+            if part is not None or name in CLASSES:
+                table[field.name] = self.write(name, part, usual)
+        return table
+
+    def refuse(self, key: str, value: Any, rule: str) -> None:
+        """Note what cannot be written."""
+        self.faults.append(agvjax.Fault(key, type(value).__name__, rule))
+
+    def plain(self, key: str, value: Toml) -> Toml:
+        """Arrays, numbers and tuples as TOML has them."""
+        if isinstance(value, Mapping):
+            return {str(name): self.plain(f"{key}.{name}" if key else name, part) for name, part in value.items()}
+        if isinstance(value, (np.ndarray, np.generic, jax.Array)):
+            value = np.asarray(value).tolist()
+        if isinstance(value, (list, tuple)):
+            return [self.plain(key, part) for part in value]
+        if not isinstance(value, (str, int, float)):
+            self.refuse(key, value, "what TOML has a word for: a number, a string, true or false, a list, a table")
+        return value
 
 
-def _fields(key: str, value: Any) -> dict[str, Any]:
-    parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-    named = {
-        n: _table(f"{key}.{n}" if key else n, p) for n, p in parts.items() if p is not None or f"{key}.{n}" in CLASSES
-    }
-    return named
+def table_of(config: Config, settings: bool = False) -> tuple[dict[str, Toml], Writer]:
+    """The table of a configuration, or of all but its law, its scenario and its imports; and its writer."""
+    writer = Writer(config.scenario.plant)
+    left = {"imports"} | ({"controller", "scenario"} if settings else set())
+    usual = {field.name: field for field in dataclasses.fields(config)}
+    parts = {name: getattr(config, name) for name in usual if name not in left}
+    default = Config()
+    table = {name: writer.write(name, part, getattr(default, name)) for name, part in parts.items()}
+    return writer.plain("", table), writer
 
 
-def gains_table(controller: Any) -> str:
-    """`gains.toml`: the controller, which `--config` reads back; of a law of the user's own its numbers."""
-    if type(controller) in CLASSES["controller"].values():
-        return tomli_w.dumps({"version": VERSION, "controller": _table("controller", controller)})
+def dump(config: Config, strict: bool = True) -> str:
+    """The configuration as TOML; `load` reads it back to the same.
+
+    Args:
+        config: of which law and plant may be of a class that TOML has no name for where it is not `strict`.
+        strict: whether it will be read back.
+
+    Raises:
+        agvjax.InputError: TOML has no words for a part of it; lists every such key and what may stand there.
+    """
+    table, writer = table_of(config)
+    imports = {**config.imports, **writer.imports}
+    if strict and (faults := writer.faults or _changed(config, table, imports)):
+        raise agvjax.InputError(faults)
+    return tomli_w.dumps({"version": VERSION} | ({"imports": imports} if imports else {}) | table)
+
+
+def _changed(config: Config, table: dict[str, Toml], imports: Mapping[str, str]) -> list[agvjax.Fault]:
+    """What would be refused, or mean something else, when it is read back."""
+    reader = Reader(classes(imports))
+    again = reader.config(table, Config())
+    faults = reader.faults or agvjax.faults(again)
+    if faults:
+        return faults
+    before, after = (dict(flat(part, ())) for part in (table, table_of(again)[0]))
+    changed = [name for name in before | after if name not in before or before[name] != after.get(name)]
+    rule = "what TOML has words for: read back it would be {}"
+    return [agvjax.Fault(n, before.get(n, "absent"), rule.format(after.get(n, "absent"))) for n in changed]
+
+
+def gains_table(controller: agvjax.Law) -> str:
+    """`gains.toml`: the controller, which `--config` reads back; of a law that TOML has no name for its numbers."""
+    writer = Writer(agvjax.Decoupled())
+    table = writer.plain("", {"controller": writer.write("controller", controller, controller)})
+    imports = {"imports": writer.imports} if writer.imports else {}
+    if not writer.faults:
+        return tomli_w.dumps({"version": VERSION, **imports, **table})
     numbers = {name: np.asarray(x).tolist() for name, x in agvjax.leaves(controller).items()}
     return tomli_w.dumps({"version": VERSION, "gains": numbers})

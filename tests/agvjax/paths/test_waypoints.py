@@ -1,14 +1,17 @@
 """Paths through points, noise in a band, records; the files and tables they are made of."""
 
+import tomllib
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import agvjax
-import tuning.config.load
 from agvjax import BandLimitedNoise, Recorded, Waypoints, replace
 from agvjax.paths.heading import reference
+from tuning import config as configuration
+from tuning.config.load import resolve
 from tuning.io.csv_file import read
 
 # ------------------------------------------------------------------------------------------------------------- paths
@@ -295,7 +298,7 @@ def test_a_file_that_is_not_there_or_is_a_folder(tmp_path):
 def wrong(scenario):
     """What the command line says of a scenario, which is one thing."""
     with pytest.raises(agvjax.InputError) as raised:
-        tuning.config.resolve({"scenario": scenario}, "simulate")
+        resolve({"scenario": scenario})
     assert len(raised.value.faults) == 1
     return str(raised.value)
 
@@ -305,11 +308,11 @@ def wrong(scenario):
 
 def resolved(**scenario):
     """The scenario of a table, once read and once more from what is written of it."""
-    config = tuning.config.resolve({"scenario": scenario}, "simulate")
-    text = tuning.config.dump(config)
+    config = resolve({"scenario": scenario})
+    text = configuration.dump(config)
     assert "file" not in text.partition("[scenario.path]")[2].partition("\n[")[0]
-    again = tuning.config.resolve(tuning.config.tomllib.loads(text), "simulate")
-    assert tuning.config.dump(again) == text
+    again = resolve(tomllib.loads(text))
+    assert configuration.dump(again) == text
     for one, other in zip(jax.tree.leaves(config.scenario), jax.tree.leaves(again.scenario), strict=True):
         np.testing.assert_array_equal(one, other)
     assert jax.tree.structure(config.scenario) == jax.tree.structure(again.scenario)

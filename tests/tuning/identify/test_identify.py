@@ -19,6 +19,7 @@ from agvjax.leaves import get
 from commands import ROOT
 from tuning import config as configuration
 from tuning.cli.main import main
+from tuning.config.load import resolve
 from tuning.ensemble.draws import sample
 from tuning.identify import task as tasks
 from tuning.identify.excitation import Designer, Room, candidate
@@ -84,7 +85,7 @@ def written(file, rows, header=COLUMNS):
 
 
 def settings(**more):
-    return configuration.resolve({"scenario": {"plant": "unicycle"}, "identify": {"starts": 2, **more}}, "identify")
+    return resolve({"scenario": {"plant": "unicycle"}, "identify": {"starts": 2, **more}})
 
 
 def command(*arguments):
@@ -184,7 +185,7 @@ def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
 def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_vehicle(seed, tmp_path):
     """Within 5 %, judged on the true vehicle from 64 starts."""
     true = agvjax.check(truth(seed))
-    base = configuration.resolve(
+    base = resolve(
         {
             "scenario": {"plant": "unicycle"},
             "controller": {

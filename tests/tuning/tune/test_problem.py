@@ -30,6 +30,7 @@ from tuning.tune.judge import judged, unmet
 from tuning.tune.pareto import front
 from tuning.tune.problem import starts
 from tuning.tune.rounds import Outcome, begin
+from tuning.tune.rules import faults
 
 TIMING = {"dt": 5e-3, "integrator": "euler"}
 DRAWS = {"start.heading": Between(-0.5, 1.0), "deadzone.heading.slope_right": Times(0.5, 1.5)}
@@ -116,7 +117,7 @@ def test_a_gain_without_bounds_may_change_its_sign():
     ids=lambda law: type(law).__name__,
 )
 def test_every_law_of_the_package_is_tuned_out_of_the_box(law):
-    config = configuration.load([], [], "tune")
+    config = configuration.load([], [], faults)
     names = tuple(getattr(law, "tunable", ())) or tuple(n for n, x in agvjax.leaves(law).items() if np.ndim(x) == 0)
     ensemble = dataclasses.replace(config.ensemble, size=16, validation_size=4)
     limits = {name: Limit(mean=1.05, worst=1.05) for name in config.tune.limits}

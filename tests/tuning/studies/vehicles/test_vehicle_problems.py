@@ -14,7 +14,9 @@ import agvjax
 import tuning
 from tuning import config as configuration
 from tuning.cli import main as cli
-from tuning.config.load import BUILT_IN
+from tuning.config.load import BUILT_IN, resolve
+from tuning.sweep import rules as sweep_rules
+from tuning.tune import rules as tune_rules
 
 SHORT = ["simulate.horizon=0.2", "simulate.save_every=10"]
 BRIEF = ["ensemble.size=4", "ensemble.validation_size=4", "tune.iterations=3", "simulate.horizon=1"]
@@ -27,10 +29,10 @@ def options(values):
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_built_in_vehicles_are_sound_and_read_back_as_they_are(name):
-    for command in ("tune", "sweep", "simulate"):
-        config = configuration.load([name], [], command)
+    for rules in (tune_rules.faults, sweep_rules.faults):
+        config = configuration.load([name], [], rules)
         text = configuration.dump(config)
-        assert configuration.dump(configuration.resolve(tomllib.loads(text), command)) == text
+        assert configuration.dump(resolve(tomllib.loads(text), rules)) == text
     assert isinstance(config.controller, agvjax.Sampled)
     assert type(config.controller.vehicle) is type(config.scenario.plant)
     assert not set(config.tune.gains) & {"inner.k3", "inner.Lam_psi"}  # the heading is internal
@@ -48,10 +50,10 @@ def test_defaults_follow_the_plant():
 
 def test_the_computer_takes_the_vehicle_for_the_configured_one_unless_told():
     longer = {"plant": {"type": "unicycle", "L": 0.7}}
-    config = configuration.resolve({"controller": {"type": "sampled"}, "scenario": longer})
+    config = resolve({"controller": {"type": "sampled"}, "scenario": longer})
     assert config.controller.vehicle.L == 0.7
     believed = {"type": "sampled", "vehicle": {"type": "unicycle", "L": 0.6}}
-    config = configuration.resolve({"controller": believed, "scenario": {"plant": "unicycle"}})
+    config = resolve({"controller": believed, "scenario": {"plant": "unicycle"}})
     assert (config.controller.vehicle.L, config.scenario.plant.L) == (0.6, 0.5)
 
 
@@ -66,7 +68,7 @@ def test_a_later_table_of_another_type_or_distribution_begins_anew(tmp_path):
     (tmp_path / "draw.toml").write_text('[ensemble.draws]\n"start.heading" = { between = [-0.5, 1.0] }\n')
     push, draw = [str(tmp_path / "push.toml")], [str(tmp_path / "draw.toml")]
     other = "scenario.disturbance={type='step',time=0.3}"
-    disturbance = configuration.load(push, [other], "simulate").scenario.disturbance
+    disturbance = configuration.load(push, [other]).scenario.disturbance
     assert type(disturbance) is agvjax.Step and (disturbance.amplitude, disturbance.time) == (0.2, 0.3)
     assert configuration.load(push, ["scenario.disturbance.omega=0.3"]).scenario.disturbance.amplitude == 0.7
     drawn = "ensemble.draws.start.heading={distribution='norm',loc=0.1,scale=0.2}"
@@ -77,9 +79,9 @@ def test_a_later_table_of_another_type_or_distribution_begins_anew(tmp_path):
 def test_chains_keep_the_order_of_their_table():
     table = {"lag": {"time_constant": 0.03}, "stop": {"type": "saturation", "upper": 2.0}, "delay": {"time": 0.01}}
     given = {"scenario": {"plant": "unicycle", "actuators": {"acceleration": table}}, "controller": "sampled"}
-    config = configuration.resolve(given, "simulate")
+    config = resolve(given)
     assert list(config.scenario.actuators["acceleration"]) == ["lag", "stop", "delay"]
-    again = configuration.resolve(tomllib.loads(configuration.dump(config)), "simulate")
+    again = resolve(tomllib.loads(configuration.dump(config)))
     assert list(again.scenario.actuators["acceleration"]) == ["lag", "stop", "delay"]
     assert again.scenario.actuators["acceleration"]["stop"].upper == 2.0
 
@@ -127,7 +129,7 @@ WRONG = [
 @pytest.mark.parametrize("table, key", WRONG, ids=[key for _, key in WRONG])
 def test_wrong_tables_are_named(table, key):
     with pytest.raises(agvjax.InputError) as caught:
-        configuration.resolve(table)
+        resolve(table, tune_rules.faults)
     assert any(key in problem.key for problem in caught.value.faults), str(caught.value)
 
 
@@ -195,7 +197,7 @@ assert abs(float(slope.sum()) - (1 / 1.5 + .3 / 2)) < 1e-5, slope.sum()
 
 @pytest.mark.slow
 def test_metrics_of_what_is_delivered_are_those_of_the_samples():
-    scenario = configuration.load(["unicycle"], [], "simulate").scenario
+    scenario = configuration.load(["unicycle"], []).scenario
     law = agvjax.Sampled(vehicle=agvjax.Unicycle())
     run = agvjax.simulate(law, scenario, n_steps=1000)
     found = agvjax.evaluate(law, scenario, n_steps=1000, criteria=agvjax.Criteria(delivered=True))
@@ -255,7 +257,7 @@ def test_a_lap_of_the_car_replayed_in_commonroads_own_model():
     pytest.importorskip("vehiclemodels")
     from tuning.studies.vehicles.worlds import CommonRoadWorld
 
-    config = configuration.load(["car"], ["scenario.disturbance=none"], "simulate")
+    config = configuration.load(["car"], ["scenario.disturbance=none"])
     start = config.scenario.start
     run = agvjax.simulate(config.controller, config.scenario, dt=0.01, n_steps=6280)
     assert run.ok
