@@ -12,13 +12,12 @@ from ..tune.problem import pose
 from ..tune.rules import faults
 from .console import RunFailed, failing
 from .folders import new_folder
-from .prepare import configure, unasked, warn
+from .prepare import configure, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Examine the configured problem at its starting gains; 1 if something is not right."""
     config, console = configure(arguments, faults)
-    unasked(config)
     alone = dataclasses.replace(config.tune, search=Search())  # no places for what a search might add
     tuner = pose(dataclasses.replace(config, tune=alone)).tuner
     out = new_folder(arguments.out, arguments.command, config)

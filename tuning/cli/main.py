@@ -80,7 +80,6 @@ SWEEP = Command(
         _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all"),
         _option("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities"),
         _many("--controller", "FILE|LAW", "another controller beside the configured one"),
-        _many("--export", "netcdf|parquet", "write the results in this form too"),
         *SHARED,
         _flag("--resume", "refuse to begin anew; the same command goes on by itself"),
     ),

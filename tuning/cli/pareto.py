@@ -19,14 +19,13 @@ from ..tune.problem import pose
 from ..tune.rules import faults
 from .console import RunFailed, failing
 from .folders import new_folder
-from .prepare import configure, unasked, warn
+from .prepare import configure, warn
 from .tune import steered
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
     config, console = configure(arguments, faults)
-    unasked(config)
     posed = pose(config)
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "tune", "simulate")

@@ -32,7 +32,7 @@ def configure(
 
     JAX is set to its precision, keeps what it compiles, and has joined the other processes of the run.
     """
-    config = configuration.load(arguments.config, overrides(arguments), rules, more)
+    config = configuration.load(arguments.config, overrides(arguments), rules, more, arguments.imports)
     jax.config.update("jax_enable_x64", config.precision == 64)
     compiled.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
@@ -70,13 +70,6 @@ def rank_and_count(rank: int | None, count: int | None) -> tuple[int, int] | Non
         rule = f"from 0 to {count - 1}, one less than --num-processes"
         raise InputError([Fault("--process-id", rank, rule)])
     return rank, count
-
-
-def unasked(config: Config) -> None:
-    """Refuse choices where only one problem is looked at."""
-    if config.tune.choices:
-        rule = "absent: only `agvjax tune` tries them; set one of each in [controller]"
-        raise InputError([Fault("tune.choices", list(config.tune.choices), rule)])
 
 
 def warn(console: Console, config: Config, *sections: str) -> None:

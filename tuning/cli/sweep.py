@@ -27,11 +27,10 @@ from .console import Console, RunFailed
 from .folders import difference, new_folder
 from .prepare import configure, rank_and_count, warn
 
+INSTALL = "pip install 'agvjax[sweep]'"
 NEEDS = {
     "saltelli": ("SALib",),
     "morris": ("SALib",),
-    "netcdf": ("xarray", "h5netcdf", "h5py"),
-    "parquet": ("pyarrow",),
 }
 PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
 GOLDEN = (5**0.5 - 1) / 2
@@ -85,7 +84,7 @@ def _more(arguments: argparse.Namespace) -> dict[str, Any]:
     for name in ("samples", "design"):
         given = getattr(arguments, name)
         more |= {f"sweep.{name}": given} if given is not None else {}
-    return more | ({"sweep.export": arguments.export} if arguments.export else {})
+    return more
 
 
 def _axis(text: str) -> dict[str, Any]:
@@ -111,13 +110,9 @@ def _axis(text: str) -> dict[str, Any]:
 
 def _installed(config: Config) -> None:
     """Refuse what needs a library that is not there."""
-    asked = [("design", config.sweep.design), *(("export", name) for name in config.sweep.export)]
     missing = [
-        Fault(
-            f"sweep.{key}", name, f"one whose libraries are installed ({library} is not: pip install 'agvjax[sweep]')"
-        )
-        for key, name in asked
-        for library in NEEDS.get(name, ())
+        Fault("sweep.design", config.sweep.design, f"one whose libraries are installed ({library} is not: {INSTALL})")
+        for library in NEEDS.get(config.sweep.design, ())
         if importlib.util.find_spec(library) is None
     ]
     if missing:
@@ -240,7 +235,7 @@ def _fill(console: Console, out: Path, made: shards.Manifest, plan: Design, judg
 def _conclude(
     console: Console, config: Config, found: results.Results, laws: dict[str, Any], judges: Any, out: Path
 ) -> None:
-    """Findings, figures, report, exports."""
+    """Findings, figures, report."""
     seen = verdict.judge(config, found, laws, judges)
     names = []
     for name, figure in figures.every(found, seen.bounds, seen.which, seen.indices).items():
@@ -249,8 +244,5 @@ def _conclude(
     text = page.page(found, seen, names, str(out))
     files.write_json(out / "findings.json", page.as_json(found, seen))
     files.write(out / "report.md", text)
-    for kind, suffix in (("netcdf", "nc"), ("parquet", "parquet")):
-        if kind in config.sweep.export:
-            getattr(found, f"to_{kind}")(out / f"results.{suffix}")
     files.write(out / "report.html", html(text, out, "Sweep"))
     console.say(text, f"shards, findings and report written to {out}; begin with {out}/report.html")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from ..compute import compiled as startup
 from ..compute import processes as distributed
 from ..config.settings import Config
 from ..io import files
-from ..io.pages import grid, html
+from ..io.pages import html
 from ..tune import checkpoint, figures
 from ..tune import page as report
 from ..tune.judge import _both, judged, verdict
@@ -28,17 +27,12 @@ from ..tune.rounds import Outcome, Run, begin, solve
 from ..tune.rules import faults
 from .console import Console, RunFailed, interrupts
 from .folders import new_folder, same_folder
-from .prepare import as_arrays, configure, overrides, trajectory_of, warn
+from .prepare import as_arrays, configure, trajectory_of, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
     config, console = configure(arguments, faults)
-    if config.tune.choices and distributed.joined():
-        rule = "absent where several processes tune together"
-        raise InputError([agvjax.Fault("tune.choices", list(config.tune.choices), rule)])
-    if config.tune.choices:
-        return _choose(arguments, console, config)
     posed = pose(config)
     with distributed.folder(lambda: _folder(arguments, config), checkpoint.CHECKPOINT) as out:
         begun = _begun(posed, out)
@@ -82,60 +76,6 @@ def _tune(console: Console, posed: Posed, begun: Run, out: Path) -> tuple[Outcom
         raise RunFailed(f"another process was lost; {again} ({error})") from error
     except RuntimeError as error:
         raise RunFailed(str(error)) from error
-
-
-def _choose(arguments: argparse.Namespace, console: Console, config: Config) -> int:
-    """Every combination of the choices, tuned in a folder of its own to the reference of the first."""
-    keys, lists = list(config.tune.choices), list(config.tune.choices.values())
-    combinations = [dict(zip(keys, values, strict=True)) for values in itertools.product(*lists)]
-    configs = []
-    for more in combinations:
-        variant = configuration.load(arguments.config, overrides(arguments), faults, more)
-        configs.append(dataclasses.replace(variant, tune=dataclasses.replace(variant.tune, choices={})))
-    problems = [pose(variant) for variant in configs]
-    out = _folder(arguments, config)
-    files.write(out / "config.toml", configuration.dump(config))
-    rows, best, budget = [], None, None
-    for i, (more, posed) in enumerate(zip(combinations, problems, strict=True)):
-        folder = out / f"choice-{i}"
-        folder.mkdir(exist_ok=True)
-        label = ", ".join(f"{key} = {value}" for key, value in more.items())
-        console.say(f"choice {i + 1} of {len(combinations)}: {label}")
-        posed = posed.to(budget)
-        try:
-            outcome, found = _tune(console, posed, _begun(posed, folder), folder)
-        except RunFailed as error:
-            rows.append([folder.name, f"{label}: {error}", np.inf, "no", *[""] * len(posed.tuner.free.names)])
-            continue
-        budget = outcome.posed.tuner.reference if budget is None else budget
-        rank = (bool(found.over), *outcome.progress.best)
-        rows.append(
-            [
-                folder.name,
-                label,
-                rank[2],
-                "yes" if not found.over else "no",
-                *outcome.posed.tuner.gains(outcome.progress.best_z),
-            ]
-        )
-        if best is None or rank < best[0]:
-            best = (rank, folder, found.over)
-    if best is None:
-        raise RunFailed("no choice could be tuned: " + "; ".join(str(row[1]) for row in rows))
-    names = problems[0].tuner.free.names
-    same = all(p.tuner.free.names == names for p in problems)
-    text = grid(
-        ["folder", "choice", "goal", "limits met", *(names if same else [])], [row if same else row[:4] for row in rows]
-    )
-    text = (
-        f"# Choices\n\n{text}\n\nGoals and limits are multiples of what the first starts with. Best: {best[1].name}.\n"
-    )
-    files.write(out / "choices.md", text)
-    files.write(out / "gains.toml", (best[1] / "gains.toml").read_bytes())
-    console.say(text, f"gains of {best[1].name} and this table written to {out}")
-    if best[2]:
-        raise RunFailed("; ".join(best[2]))
-    return 0
 
 
 def steered(posed: Posed) -> Posed:

@@ -8,7 +8,7 @@ import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..config import rules
-from ..config.settings import EXPORTS, Config
+from ..config.settings import Config
 from ..ensemble.draws import Draw, box
 from ..ensemble.rules import beyond_rules, ends_beyond_rules, near, undrawable
 from .design import LAW, SENSITIVITY, design, element_of
@@ -72,7 +72,6 @@ def _wished(config: Config) -> list[agvjax.Fault]:
     for key, given, known in (
         ("metrics", sweep.metrics, metrics),
         ("fails", tuple(sweep.fails), metrics),
-        ("export", sweep.export, EXPORTS),
     ):
         found += [
             agvjax.Fault(f"sweep.{key}", x, f"one of those known{near(x, known)}") for x in given if x not in known

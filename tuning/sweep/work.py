@@ -33,7 +33,7 @@ def kept(config: Config) -> tuple[str, ...]:
 
 def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manifest:
     """The manifest of a sweep; what its shards do not hang on is left out, and may be changed afterwards."""
-    free: dict[str, Any] = {"fails": {}, "radius": True, "export": (), "metrics": kept(config)}
+    free: dict[str, Any] = {"fails": {}, "radius": True, "metrics": kept(config)}
     return shards.manifest(
         configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **free))),
         config.seed,

@@ -50,11 +50,6 @@ def _names(config: Config) -> list[agvjax.Fault]:
         found.append(agvjax.Fault("pareto.low", config.pareto.low, f"at most pareto.high, {config.pareto.high:g}"))
     if config.ensemble.fresh and tune.search.rounds:
         found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, "0 where ensemble.fresh is true"))
-    for name in tune.choices:
-        if not name.startswith("controller"):
-            found.append(agvjax.Fault(f"tune.choices.{name}", tune.choices[name], "of a key of the controller"))
-    if tune.choices and tune.search.rounds:
-        found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, "0 where tune.choices are given"))
     if tune.optimizer == SEQUENTIAL:
         if tune.gradient == "reverse":
             found.append(

@@ -391,7 +391,6 @@ BAD_SWEEP = {
     "unknown metric": (["--set", 'sweep.metrics=["rsme"]'], ("sweep.metrics", "rsme", "rmse?")),
     "unknown failure": (["--set", "sweep.fails.rsme=2"], ("sweep.fails", "rsme", "rmse?")),
     "failure at nothing": (["--set", "sweep.fails.rmse=0"], ("sweep.fails.rmse", "> 0")),
-    "unknown export": (["--export", "csv"], ("sweep.export", "csv", "netcdf")),
     "unknown law": (["--controller", "pid"], ("sweep.controllers", "pid", "osfc")),
     "no file": (["--controller", "absent.toml"], ("sweep.controllers", "absent.toml", "readable")),
     "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
