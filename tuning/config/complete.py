@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 
+import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import correlated, default_draws

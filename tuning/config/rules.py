@@ -43,7 +43,7 @@ def check(config: Config, rules: Rules = faults) -> Config:
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    if not isinstance(config.scenario, agvjax.Scenario) and (wrong := _foreign(config)):
+    if wrong := _foreign(config):
         raise agvjax.InputError(wrong)
     table, writer = table_of(config, settings=True)
     reader = Reader(classes(config.imports))
