@@ -1,5 +1,6 @@
 # Everything runs in .venv, made on first use with nothing but Python 3.11 or newer: `make help` lists the targets.
-# The tests import the installed package, not the source tree; a changed source is installed again first.
+# `make dev` and the targets of development install the source tree itself, so that an edit counts at once; before that,
+# the others install a copy, again whenever a source has changed.
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -10,7 +11,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Modules are compiled when they are imported: most of what pip brings never is.
 INSTALL := $(BIN)/python -m pip --quiet --disable-pip-version-check install --no-compile
-SOURCES := pyproject.toml README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print)
+DEV := $(wildcard $(VENV)/.installed-dev)
+EDITABLE := $(if $(DEV),--editable)
+COPIED := $(if $(DEV),,README.md LICENSE $(shell find agvjax tuning -name '*.pyc' -o -name __pycache__ -prune -o -print))
+SOURCES := pyproject.toml $(COPIED)
 
 .DEFAULT_GOAL := help
 .PHONY: help tune sweep reproduce compare vehicles bench dev test slow check lint types notebooks format clean
@@ -74,17 +78,17 @@ $(VENV)/.made:
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/.made $(SOURCES)
-	$(INSTALL) .
+	$(INSTALL) $(EDITABLE) .
 	@touch $@
 
-$(VENV)/.installed-dev: $(VENV)/.made $(SOURCES)
-	$(INSTALL) '.[dev]'
+$(VENV)/.installed-dev: $(VENV)/.made pyproject.toml
+	$(INSTALL) --editable '.[dev]'
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-vehicles: $(VENV)/.made $(SOURCES)
-	$(INSTALL) '.[vehicles]'
+	$(INSTALL) $(EDITABLE) '.[vehicles]'
 	@touch $(VENV)/.installed $@
 
 $(VENV)/.installed-bench: $(VENV)/.made $(SOURCES)
-	$(INSTALL) '.[benchmarks]'
+	$(INSTALL) $(EDITABLE) '.[benchmarks]'
 	@touch $(VENV)/.installed $@
