@@ -31,19 +31,23 @@ DIGITS = 4  # of a number in the log: a tenth of a millimetre
 
 
 @agvjax.pytree
-class Playback:
-    """A law that knows no better than to play commands."""
+class Playback(agvjax.Law):
+    """A law that plays recorded inputs, one each `period` [s], whatever it measures."""
 
     inputs: Any  # {actuator: (N,)}
     period: float = 0.02
+
+    def control_period(self) -> float:
+        """Time [s] between inputs."""
+        return self.period
 
     def hold(self, measurement: Any, reference: Any) -> Any:
         """Before the first."""
         return self._at(jnp.zeros((), int))
 
-    def jump(self, flow: Any, held: Any, measurement: Any, reference: Any, h: Any) -> Any:
+    def jump(self, flow: Any, memory: Computed, measurement: Any, reference: Any, h: Any) -> Any:
         """The next one."""
-        return self._at(held.law + 1)
+        return self._at(memory.law + 1)
 
     def _at(self, count: Any) -> Computed:
         now = {name: jnp.asarray(u)[jnp.maximum(count - 1, 0)] for name, u in self.inputs.items()}

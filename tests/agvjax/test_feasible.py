@@ -49,7 +49,7 @@ def test_the_car_dumbbell_needs_what_was_measured_elsewhere():
 
 
 @agvjax.pytree
-class Replay:
+class Replay(agvjax.Law):
     """Plays what is needed, whatever happens."""
 
     t: object
@@ -58,7 +58,7 @@ class Replay:
     def init(self, measurement, reference):
         return jnp.zeros_like(measurement.heading)
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         a, alpha = (jnp.interp(flow, self.t, self.inputs[:, i]) for i in (0, 1))
         inputs = {"acceleration": a, "yaw_acceleration": alpha}
         return agvjax.Command(position=jnp.zeros_like(measurement.position), heading=a, inputs=inputs), jnp.ones_like(
@@ -203,13 +203,13 @@ def test_a_circle_smaller_than_the_wheelbase_makes_a_car_reverse():
 
 
 @agvjax.pytree
-class Ahead:
+class Ahead(agvjax.Heading):
     def __call__(self, path, t):
         return jnp.zeros_like(t)
 
 
 @agvjax.pytree
-class Parabola:
+class Parabola(agvjax.Path):
     """From rest; backwards before."""
 
     def __call__(self, t):
@@ -217,7 +217,7 @@ class Parabola:
 
 
 @agvjax.pytree
-class Root:
+class Root(agvjax.Path):
     """NaN before 0, endlessly fast at 0."""
 
     late: float = agvjax.number(0.0, "s")

@@ -23,7 +23,7 @@ from agvjax.hashed import uniform
 
 
 @agvjax.pytree
-class Played:
+class Played(agvjax.Law):
     """Asks the first actuator for a signal of time, the second for nothing."""
 
     amplitude: float = agvjax.number(1.0)
@@ -32,7 +32,7 @@ class Played:
     def init(self, measurement, reference):
         return jnp.zeros_like(measurement.heading)
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         u = self.signal(flow)
         zero = jnp.zeros_like(u)
         inputs = {"acceleration": u, "yaw_acceleration": zero}

@@ -97,9 +97,9 @@ def at_an_instant(controller, r, delta, vehicle, state):
     asked = Reference(position=r[:2], velocity=r[2:4], acceleration=r[4:6], heading=r[6], heading_rate=r[7])
     plant = DecoupledState(position=vehicle[:2], velocity=vehicle[2:4], heading=vehicle[4])
     flow = loop.Flow(plant=plant, actuators=empty, controller=state)
-    held = loop.Held(plant=(), actuators=empty, controller=(), sensor=())
+    memory = loop.Memory(plant=(), actuators=empty, controller=(), sensor=())
     signals = loop.Signals(time=jnp.zeros_like(delta), reference=asked, disturbance=jnp.stack([delta] * 3))
-    rate, sample = loop.derivative(controller, Scenario(), flow, held, signals)
+    rate, sample = loop.derivative(controller, Scenario(), flow, memory, signals)
     return sample.command, sample.delivered, jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(rate)])
 
 
@@ -155,8 +155,10 @@ def test_variant_of_the_law_at_an_instant_is_the_written_one(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_law_with_other_gains_is_the_written_one(name):
     controller, law = LAWS[name]
-    factors = np.random.default_rng(5).uniform(0.7, 1.3, len(controller.tunable))
-    gains = {key: agvjax.leaves(controller)[key] * f for key, f in zip(controller.tunable, factors, strict=True)}
+    factors = np.random.default_rng(5).uniform(0.7, 1.3, len(controller.gains_to_tune()))
+    gains = {
+        key: agvjax.leaves(controller)[key] * f for key, f in zip(controller.gains_to_tune(), factors, strict=True)
+    }
     assert_same_instants(replace(controller, gains), independent.with_gains(law, gains))
 
 
@@ -512,12 +514,15 @@ def judged(controller, gradient=True):
     """Metrics of the rows, and the derivative of their cost by the logarithm of every tunable gain."""
 
     def of(logs):
-        gains = {name: agvjax.leaves(controller)[name] * jnp.exp(logs[i]) for i, name in enumerate(controller.tunable)}
+        gains = {
+            name: agvjax.leaves(controller)[name] * jnp.exp(logs[i])
+            for i, name in enumerate(controller.gains_to_tune())
+        }
         many = batch(Scenario(), ROWS)
         metrics = evaluate(replace(controller, gains), many, n_steps=N_STEPS, integrator=EULER)
         return cost(metrics.rmse, metrics.effort), metrics
 
-    logs = jnp.zeros(len(controller.tunable))
+    logs = jnp.zeros(len(controller.gains_to_tune()))
     return jax.jacfwd(of, has_aux=True)(logs) if gradient else (None, of(logs)[1])
 
 
@@ -535,7 +540,7 @@ def assert_gradient(gradient, controller, law, step=1e-6):
     of a kink at any instant that is looked at. Without the filter its two numbers are idle.
     """
     slope = []
-    for name in controller.tunable:
+    for name in controller.gains_to_tune():
         value = float(agvjax.leaves(controller)[name])
         less, more = (
             plain_cost(
@@ -545,7 +550,7 @@ def assert_gradient(gradient, controller, law, step=1e-6):
         )
         slope.append((more - less) / (2 * step))
     np.testing.assert_allclose(gradient, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
-    idle = [name for name, value in zip(controller.tunable, slope, strict=True) if abs(value) < 1e-9]
+    idle = [name for name, value in zip(controller.gains_to_tune(), slope, strict=True) if abs(value) < 1e-9]
     assert idle == (["omega_n", "zeta"] if isinstance(getattr(controller, "filter", None), NoFilter) else [])
 
 
@@ -566,7 +571,7 @@ def test_rows_of_a_batch_and_their_gradient_are_those_of_single_plain_runs(name)
 def test_rows_of_a_batch_of_event_triggered_laws_are_single_plain_runs():
     # rows only: when a channel is updated jumps with the gains, so its gradient means nothing, and it tunes none
     controller, law = EXTENSIONS["event-triggered"]
-    assert controller.tunable == ()
+    assert controller.gains_to_tune() == ()
     assert_rows(judged(check(controller), gradient=False)[1], law)
 
 
@@ -574,10 +579,13 @@ def test_rows_of_a_batch_of_event_triggered_laws_are_single_plain_runs():
 @functools.partial(jax.vmap, in_axes=(None, 0, 0, 0, 0))
 def slopes_at_an_instant(controller, r, delta, vehicle, state):
     def of(logs):
-        gains = {name: agvjax.leaves(controller)[name] * jnp.exp(logs[i]) for i, name in enumerate(controller.tunable)}
+        gains = {
+            name: agvjax.leaves(controller)[name] * jnp.exp(logs[i])
+            for i, name in enumerate(controller.gains_to_tune())
+        }
         return at_an_instant(replace(controller, gains), r, delta, vehicle, state)
 
-    return jax.jacfwd(of)(jnp.zeros(len(controller.tunable)))
+    return jax.jacfwd(of)(jnp.zeros(len(controller.gains_to_tune())))
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -585,7 +593,7 @@ def test_slope_of_the_law_in_every_gain_at_an_instant(name):
     controller, law = LAWS[name]
     inputs, flat = some_instants(controller, np.float64, 40)
     slopes = slopes_at_an_instant(check(controller), *inputs)
-    for i, gain in enumerate(controller.tunable):
+    for i, gain in enumerate(controller.gains_to_tune()):
         value = float(agvjax.leaves(controller)[gain])
         less, more = (
             plain_instants(independent.with_gains(law, {gain: value * math.exp(x)}), *inputs[:3], flat)
@@ -655,7 +663,7 @@ def test_every_bad_gain_is_named_at_once():
 @pytest.mark.parametrize("name", [*LAWS, *VARIANTS, *EXTENSIONS])
 def test_defaults_are_accepted_and_what_is_tuned_exists(name):
     controller = (LAWS | VARIANTS | EXTENSIONS)[name][0]
-    assert set(controller.tunable) <= set(agvjax.leaves(check(controller)))
+    assert set(controller.gains_to_tune()) <= set(agvjax.leaves(check(controller)))
 
 
 def test_observer_bandwidth_is_bounded_by_what_runge_kutta_follows():

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import agvjax
 import reference
 from agvjax import (
     EULER,
@@ -25,7 +26,7 @@ from reference import Parameters
 
 
 @pytree
-class Sampled:
+class Sampled(agvjax.Law):
     """A law that looks only at control instants: it holds its command and steps the inner law's state by Euler."""
 
     inner: Any
@@ -38,13 +39,13 @@ class Sampled:
         command, _ = self.inner.law(state, (), measurement, ref)
         return state, command, jnp.zeros_like(measurement.heading)
 
-    def jump(self, flow, held, measurement, ref, h):
-        state, _, count = held
+    def jump(self, flow, memory, measurement, ref, h):
+        state, _, count = memory
         command, rate = self.inner.law(state, (), measurement, ref)
         return jax.tree.map(lambda s, r: s + h * r, state, rate), command, count + 1
 
-    def law(self, flow, held, measurement, ref):
-        return held[1], ()
+    def law(self, flow, memory, measurement, ref):
+        return memory[1], ()
 
 
 def sampled_by_hand(p, dt, every, n_steps):
@@ -104,7 +105,7 @@ def test_memory_jumps_when_saving_less_often_too():
 
 
 @pytree
-class Delay:
+class Delay(agvjax.Element):
     """Delivers the command of three control instants ago, and before that the first one."""
 
     line: Any = None
@@ -112,14 +113,11 @@ class Delay:
     def hold(self, u):
         return jnp.stack([u] * 4)
 
-    def init(self, u):
-        return ()
+    def deliver(self, flow, memory, u):
+        return memory[-1], ()
 
-    def deliver(self, flow, held, u):
-        return held[-1], ()
-
-    def jump(self, flow, held, u, h):
-        return jnp.concatenate([u[None], held[:-1]])
+    def jump(self, flow, memory, u, h):
+        return jnp.concatenate([u[None], memory[:-1]])
 
 
 def test_delay_line_delivers_the_command_of_three_steps_ago():
@@ -131,7 +129,7 @@ def test_delay_line_delivers_the_command_of_three_steps_ago():
 
 
 @pytree
-class Lag:
+class Lag(agvjax.Element):
     """A first-order lag, at rest at the start."""
 
     time_constant: Any = 0.05
@@ -139,12 +137,12 @@ class Lag:
     def init(self, u):
         return jnp.zeros_like(u)
 
-    def deliver(self, flow, held, u):
+    def deliver(self, flow, memory, u):
         return flow, (u - flow) / self.time_constant
 
 
 @pytree
-class Constant:
+class Constant(agvjax.Law):
     """Asks for the same always."""
 
     level: Any = 2.0
@@ -152,7 +150,7 @@ class Constant:
     def init(self, measurement, ref):
         return ()
 
-    def law(self, flow, held, measurement, ref):
+    def law(self, flow, memory, measurement, ref):
         u = jnp.zeros_like(measurement.heading) + self.level
         return Command(position=jnp.stack([u, -u]), heading=0.5 * u), ()
 
@@ -169,7 +167,7 @@ def test_lag_answers_a_step_as_the_exponential_does():
 
 
 @pytree
-class NoisyCompass:
+class NoisyCompass(agvjax.Sensor):
     """Adds a new random offset to the heading at every control instant; the key travels in the memory."""
 
     key: Any
@@ -178,16 +176,16 @@ class NoisyCompass:
     def hold(self, measurement):
         return self.key, jnp.zeros_like(measurement.heading)
 
-    def jump(self, held, measurement, h):
-        key, now = jax.random.split(held[0])
+    def jump(self, memory, measurement, h):
+        key, now = jax.random.split(memory[0])
         return key, self.level * jax.random.normal(now, (), measurement.heading.dtype)
 
-    def __call__(self, held, measurement):
-        return dataclasses.replace(measurement, heading=measurement.heading + held[1])
+    def __call__(self, memory, measurement):
+        return dataclasses.replace(measurement, heading=measurement.heading + memory[1])
 
 
 @pytree
-class HeadingEcho:
+class HeadingEcho(agvjax.Law):
     """Commands the heading it is shown, so that the trajectory says what the sensor said."""
 
     unused: Any = 0.0
@@ -195,7 +193,7 @@ class HeadingEcho:
     def init(self, measurement, ref):
         return ()
 
-    def law(self, flow, held, measurement, ref):
+    def law(self, flow, memory, measurement, ref):
         return Command(position=jnp.zeros_like(measurement.position), heading=measurement.heading), ()
 
 
@@ -226,7 +224,7 @@ class CartState:
 
 
 @pytree
-class Cart:
+class Cart(agvjax.Plant):
     """Mass on a spring along x, pushed by `motor`, slowed by `brake` that takes the heading command."""
 
     stiffness: Any = 9.0
@@ -242,8 +240,8 @@ class Cart:
     def hold(self, state):
         return jnp.zeros_like(state.position)
 
-    def jump(self, state, held, delivered, h):
-        return held + h * delivered["motor"]  # impulse counted at control instants
+    def jump(self, state, memory, delivered, h):
+        return memory + h * delivered["motor"]  # impulse counted at control instants
 
     def derivative(self, state, memory, delivered, disturbance):
         force = delivered["motor"] - self.stiffness * state.position - delivered["brake"] * state.velocity

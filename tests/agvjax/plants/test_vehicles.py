@@ -15,13 +15,13 @@ ROBOT = {"mass": 12.7, "inertia": 0.33, "friction": 0.05, "viscous": 0.01, "L": 
 
 
 @agvjax.pytree
-class Torques:
+class Torques(agvjax.Law):
     """Two sinusoids as torques, whatever the vehicle does."""
 
     def init(self, measurement, reference):
         return jnp.zeros_like(measurement.heading)
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         zero = jnp.zeros_like(flow)
         inputs = dict(zip(("torque_left", "torque_right"), torques(flow, jnp), strict=True))
         return Command(position=jnp.stack([zero, zero]), heading=zero, inputs=inputs), jnp.ones_like(flow)

@@ -442,11 +442,11 @@ def own_law(command):
     """A law that asks for `command` of the position, as a program."""
 
     @agvjax.pytree
-    class Own:
+    class Own(agvjax.Law):
         def init(self, measurement, reference):
             return ()
 
-        def law(self, flow, held, measurement, reference):
+        def law(self, flow, memory, measurement, reference):
             return agvjax.Command(position=command(measurement.position), heading=measurement.heading), ()
 
     return artefact.Artefact(

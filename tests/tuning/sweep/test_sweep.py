@@ -31,7 +31,7 @@ def promotion_as_optax_has_it():
 
 
 @agvjax.pytree
-class Proportional:
+class Proportional(agvjax.Law):
     """A law that compiles quickly."""
 
     stiffness: float = 30.0
@@ -41,7 +41,7 @@ class Proportional:
     def init(self, measurement, reference):
         return ()
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
         heading = reference.heading_rate - self.turn * (measurement.heading - reference.heading)
         return Command(position=-self.stiffness * e - self.damping * de, heading=heading), ()

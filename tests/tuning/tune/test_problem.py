@@ -75,7 +75,7 @@ def tuned(config):
 
 
 @agvjax.pytree
-class Proportional:
+class Proportional(agvjax.Law):
     """A law as a user would write it: plain fields, no rule, no bounds, a gain that may be negative."""
 
     stiffness: float = 30.0
@@ -86,7 +86,7 @@ class Proportional:
     def init(self, measurement, reference):
         return ()
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
         u = reference.acceleration - self.stiffness * e - self.damping * de + self.lean
         return Command(
@@ -118,7 +118,7 @@ def test_a_gain_without_bounds_may_change_its_sign():
 )
 def test_every_law_of_the_package_is_tuned_out_of_the_box(law):
     config = configuration.load([], [], faults)
-    names = tuple(getattr(law, "tunable", ())) or tuple(n for n, x in agvjax.leaves(law).items() if np.ndim(x) == 0)
+    names = law.gains_to_tune()
     ensemble = dataclasses.replace(config.ensemble, size=16, validation_size=4)
     limits = {name: Limit(mean=1.05, worst=1.05) for name in config.tune.limits}
     tune = dataclasses.replace(config.tune, gains=names, limits=limits, iterations=40, search=NO_SEARCH)
@@ -267,9 +267,9 @@ def test_gains_that_do_the_same_are_named_alike():
     class Twice(Proportional):
         again: float = 1.0
 
-        def law(self, flow, held, measurement, reference):
+        def law(self, flow, memory, measurement, reference):
             return Proportional.law(
-                dataclasses.replace(self, turn=self.turn * self.again), flow, held, measurement, reference
+                dataclasses.replace(self, turn=self.turn * self.again), flow, memory, measurement, reference
             )
 
     posed = pose(problem(Twice(), gains=("turn", "again", "damping"), iterations=1))
@@ -310,8 +310,8 @@ wrong_slope.defjvp(lambda x, dx: (x[0], 1.5 * dx[0]))
 class Misled(Proportional):
     """Its derivative is not its own."""
 
-    def law(self, flow, held, measurement, reference):
-        return dataclasses.replace(self, turn=wrong_slope(self.turn)).base(flow, held, measurement, reference)
+    def law(self, flow, memory, measurement, reference):
+        return dataclasses.replace(self, turn=wrong_slope(self.turn)).base(flow, memory, measurement, reference)
 
     def base(self, *given):
         return Proportional.law(self, *given)
@@ -328,8 +328,8 @@ def test_a_wrong_gradient_is_found():
 def test_the_first_step_without_a_finite_slope_is_named():
     @agvjax.pytree
     class Root(Proportional):
-        def law(self, flow, held, measurement, reference):
-            command, rate = Proportional.law(self, flow, held, measurement, reference)
+        def law(self, flow, memory, measurement, reference):
+            command, rate = Proportional.law(self, flow, memory, measurement, reference)
             far = jnp.sqrt(jnp.maximum(jnp.sum((measurement.position - reference.position) ** 2) - 0.01, 0.0))
             return Command(position=command.position - 0.1 * self.damping * far, heading=command.heading), rate
 

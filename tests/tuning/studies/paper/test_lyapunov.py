@@ -32,7 +32,7 @@ LINEAR = 1  # the place in the batch of one whose actuators are linear
 
 
 @pytree
-class Push:
+class Push(agvjax.Disturbance):
     """The paper's disturbance, or one of the same amplitude that is always at its limit."""
 
     amplitude: float = number(0.2, "m/s^2, m/s^2, rad/s")
@@ -469,10 +469,10 @@ def test_no_bound_where_nothing_can_be_proved(run):
 class Compensated(NeuroBackstepping):
     """A law that does use xi1."""
 
-    def law(self, flow, held, measurement, reference):
+    def law(self, flow, memory, measurement, reference):
         """The paper's, with xi1 taken off the velocity; the position acts through the filter only."""
         measurement = dataclasses.replace(measurement, velocity=measurement.velocity - flow.xi1)
-        return super().law(flow, held, measurement, reference)
+        return super().law(flow, memory, measurement, reference)
 
 
 def test_the_compensation_changes_no_command(batch, runs):

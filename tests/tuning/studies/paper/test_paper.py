@@ -179,7 +179,7 @@ def test_statements_are_what_the_rows_say():
 def test_every_law_has_starts_inside_the_step_of_tuning():
     for name, law in compare.laws(NeuroBackstepping()).items():
         assert compare.starts(name, law)[0] is law
-        assert set(compare.tunable(law)) <= set(agvjax.leaves(law))
+        assert set(law.gains_to_tune()) <= set(agvjax.leaves(law))
 
 
 # --------------------------------------------------------------------------------------------------- page and command
