@@ -18,8 +18,7 @@ from agvjax.draw import plot
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import grid
-from ..sweep import results, shards
-from ..sweep.design import scene
+from ..sweep.replay import vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, trajectory_of, warn
@@ -60,20 +59,9 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
         raise InputError([Fault("--from", text, rule) for text in others])
     if arguments.sweep is None:
         raise InputError([Fault("--from", "none", "the folder of a sweep, with --index and --controller")])
-    try:
-        made = shards.read_manifest(Path(arguments.sweep))
-    except ValueError as error:
-        raise InputError([Fault("--from", arguments.sweep, f"the folder of a sweep ({error})")]) from error
-    if arguments.index is None or not 0 <= arguments.index < made.size:
-        shown = "none" if arguments.index is None else arguments.index
-        raise InputError([Fault("--index", shown, f"from 0 to {made.size - 1}, the scenarios of the sweep")])
-    name = arguments.controller or made.names[0]
-    if name not in made.names:
-        raise InputError([Fault("--controller", name, f"one of the sweep's: {', '.join(made.names)}")])
-    law, scenario = scene(results.opened(made), arguments.index)
-    controller = agvjax.replace(results.controller_of(made, made.names.index(name)), law)
-    own = any(text.startswith("simulate.horizon") for text in arguments.set)
-    horizon = config.simulate.horizon if own else results.config_of(made).simulate.horizon
+    controller, scenario, horizon = vehicle(arguments.sweep, arguments.index, arguments.controller)
+    if any(text.startswith("simulate.horizon") for text in arguments.set):
+        horizon = config.simulate.horizon
     timing = dataclasses.replace(config.simulate, horizon=horizon)
     return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
 

@@ -38,9 +38,9 @@ def read(
         file: the CSV file.
         columns: that must be there.
         optional: columns that are read where they are there.
-        least: how many rows there must be below the header.
-        time: the column whose numbers must increase from row to row.
-        blank: columns in which an empty cell is allowed; it reads as NaN.
+        least: number of rows that there must be below the header.
+        time: the column whose numbers must increase.
+        blank: columns in which an empty cell reads as NaN.
 
     Returns:
         For each column its numbers, shape (rows,).
@@ -48,9 +48,7 @@ def read(
     Raises:
         ValueError: names the file and what is wrong with it: the row, the column and the rule.
     """
-    rows = _rows(file)
-    if not rows:
-        raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
+    rows = _rows(file, columns)
     header = [name.strip() for name in rows[0][1]]
     wanted = _wanted(file, header, columns, optional)
     if len(rows) - 1 < least:
@@ -58,10 +56,10 @@ def read(
     for line, cells in rows[1:]:
         if len(cells) != len(header):
             raise ValueError(f"{file}, row {line}: must have {len(header)} cells like its header; it has {len(cells)}")
-    table = {}
-    for name in wanted:
-        place, empty = header.index(name), name in blank
-        table[name] = np.array([_cell(file, line, name, cells[place], empty) for line, cells in rows[1:]])
+    table = {
+        name: np.array([_cell(file, line, name, cells[header.index(name)], name in blank) for line, cells in rows[1:]])
+        for name in wanted
+    }
     if time in table:
         _increasing(file, rows, time, table[time])
     return table
@@ -90,8 +88,8 @@ def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, 
         raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} must be above {before}, the time before")
 
 
-def _rows(file: str | Path) -> list[tuple[int, list[str]]]:
-    """The rows that are not empty, each with its line number in the file."""
+def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """The rows that are not empty, each with its line number in the file; at least the header."""
     try:
         text = Path(file).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -104,9 +102,12 @@ def _rows(file: str | Path) -> list[tuple[int, list[str]]]:
         raise ValueError(f"{file} is no text file")
     reader = csv.reader(text.splitlines())
     try:
-        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise ValueError(f"{file}, row {reader.line_num}: {error}") from error
+    if not rows:
+        raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
+    return rows
 
 
 def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:
