@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("--name", name, rule)])
     jax.config.update("jax_enable_x64", True)
     compiled.keep_compiled()
-    found = artefact.read(arguments.gains, arguments.config, overrides(arguments))
+    found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
     module = importlib.import_module(
         f"..export.{MODULES[arguments.format]}", __package__
     )  # late: each has its own needs

@@ -22,7 +22,8 @@ def run(arguments: argparse.Namespace) -> int:
         rule = f"left out: this command looks at {', '.join(BUILT_IN)}; tune any other with `agvjax tune --config`"
         raise InputError([Fault("--config", name, rule) for name in arguments.config])
     console = configure(arguments, faults)[1]
-    configs = {name: configuration.load([name], overrides(arguments), faults) for name in BUILT_IN}
+    settings, imports = overrides(arguments), arguments.imports
+    configs = {name: configuration.load([name], settings, faults, imports=imports) for name in BUILT_IN}
     out = new_folder(arguments.out, arguments.command)
     for name, config in configs.items():
         files.write(out / f"config-{name}.toml", configuration.dump(config))
