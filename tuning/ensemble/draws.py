@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,37 +15,76 @@ from agvjax.leaves import get
 TAIL = 1e-3  # of a distribution, left out on either side of its box
 
 
-class Between(NamedTuple):
+Numbers = float | np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Draw:
+    """How a leaf of a scenario varies: needs `quantile`."""
+
+    tailed: ClassVar[bool] = False  # whether its box leaves out a `TAIL` of the draws on either side
+    moves: ClassVar[bool] = True  # whether every value in its box is allowed
+
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
+        """The value below which a `share` of the draws lies, of a leaf whose nominal value is `nominal`."""
+        raise NotImplementedError(f"{type(self).__name__} needs quantile(share, nominal)")
+
+    def box(self, nominal: Numbers) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest value; of a distribution all but a `TAIL` of the draws on either side."""
+        low, high = (self.quantile(np.full(np.shape(nominal), share), nominal) for share in self.ends)
+        return low, high
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The shares of the draws below either end of the box."""
+        tail = TAIL if self.tailed else 0.0
+        return tail, 1 - tail
+
+    def partners(self, leaf: str) -> Mapping[str, float]:
+        """By leaf, how much of its normal number goes into that of this `leaf`; see `together`."""
+        return {leaf: 1.0}
+
+    def alone(self) -> Draw:
+        """The same draw, independent of those of other leaves."""
+        return self
+
+
+@dataclasses.dataclass(frozen=True)
+class Between(Draw):
     """Uniform between two values, in the unit of the leaf."""
 
     low: float
     high: float
 
-    def quantile(self, share: Any, nominal: Any) -> Any:
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies."""
-        return self.low + (self.high - self.low) * share + 0 * nominal
+        return np.asarray(self.low + (self.high - self.low) * share + 0 * nominal)
 
 
-class Times(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Times(Draw):
     """The nominal value, which is not negative, times a uniform factor."""
 
     low: float
     high: float
 
-    def quantile(self, share: Any, nominal: Any) -> Any:
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies."""
         low, high = self.low * nominal, self.high * nominal
-        return low + (high - low) * share
+        return np.asarray(low + (high - low) * share)
 
 
-class Distribution(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Distribution(Draw):
     """Any continuous distribution of `scipy.stats` by its name and parameters; times the nominal value if so asked."""
+
+    tailed: ClassVar[bool] = True
 
     name: str
     parameters: Mapping[str, float]
     times: bool = False
 
-    def quantile(self, share: Any, nominal: Any) -> Any:
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies.
 
         Raises:
@@ -65,12 +105,15 @@ class Distribution(NamedTuple):
         return value * nominal if self.times else value + 0 * nominal
 
 
-class OneOf(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class OneOf(Draw):
     """One of some values, each as likely as the others."""
+
+    moves: ClassVar[bool] = False
 
     values: tuple[float, ...]
 
-    def quantile(self, share: Any, nominal: Any) -> Any:
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies."""
         place = np.minimum((np.asarray(share) * len(self.values)).astype(int), len(self.values) - 1)
         return np.asarray(sorted(self.values))[place] + 0 * nominal
@@ -83,19 +126,27 @@ class Correlation(NamedTuple):
     matrix: tuple[tuple[float, ...], ...]
 
 
-class Correlated(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Correlated(Draw):
     """A distribution whose draws go with those of other leaves."""
 
-    marginal: Distribution
+    tailed: ClassVar[bool] = True
+
+    marginal: Draw
     leaves: tuple[str, ...]  # those it goes with, itself among them, in the order of the factor
     row: tuple[float, ...]  # of the Cholesky factor of their correlations
 
-    def quantile(self, share: Any, nominal: Any) -> Any:
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies, whatever the others are."""
         return self.marginal.quantile(share, nominal)
 
+    def partners(self, leaf: str) -> Mapping[str, float]:
+        """Its row of the factor, by leaf."""
+        return dict(zip(self.leaves, self.row, strict=True))
 
-Draw = Between | Times | Distribution | OneOf | Correlated
+    def alone(self) -> Draw:
+        """The distribution, independent of those of other leaves."""
+        return self.marginal
 
 
 class Span(NamedTuple):
@@ -103,13 +154,6 @@ class Span(NamedTuple):
 
     draw: Draw
     points: int = 0
-
-
-def box(draw: Draw, nominal: Any) -> tuple[Any, Any]:
-    """Smallest and largest value; of a distribution all but a `TAIL` of the draws on either side."""
-    tail = TAIL if isinstance(draw, (Distribution, Correlated)) else 0.0
-    low, high = (draw.quantile(np.full(np.shape(nominal), share), nominal) for share in (tail, 1 - tail))
-    return low, high
 
 
 def default_draws(actuators: Iterable[str] = ("position", "heading")) -> dict[str, Draw]:
@@ -143,11 +187,11 @@ def sample(scenario: Any, draws: Mapping[str, Draw], size: int, seed: int, part:
     values = {}
     for name, draw in draws.items():
         nominal = np.asarray(get(scenario, name), float)
-        leaves = draw.leaves if isinstance(draw, Correlated) else (name,)
-        streams = [leaf if part == 0 else f"{leaf}#{part}" for leaf in leaves]
+        partners = draw.partners(name)
+        streams = [leaf if part == 0 else f"{leaf}#{part}" for leaf in partners]
         shares = np.stack([uniform(seed, stream, size, nominal.size) for stream in streams])
-        row = draw.row if isinstance(draw, Correlated) else (1.0,)
-        values[name] = draw.quantile(together(shares, row).reshape(size, *nominal.shape), nominal)
+        drawn = together(shares, tuple(partners.values())).reshape(size, *nominal.shape)
+        values[name] = draw.quantile(drawn, nominal)
     return agvjax.batch(scenario, values)
 
 
@@ -167,7 +211,7 @@ def correlated(draws: Mapping[str, Draw], correlation: Correlation) -> dict[str,
         ValueError: a leaf is not drawn from a distribution, or these are no correlations.
     """
     matrix, size = np.asarray(correlation.matrix, float), len(correlation.leaves)
-    loose = [n for n in correlation.leaves if not isinstance(draws.get(n), (Distribution, Correlated))]
+    loose = [n for n in correlation.leaves if n not in draws or not draws[n].tailed]
     if loose:
         raise ValueError(f"{', '.join(loose)} must each be drawn from a distribution")
     if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T) or not np.allclose(np.diag(matrix), 1):
@@ -178,13 +222,11 @@ def correlated(draws: Mapping[str, Draw], correlation: Correlation) -> dict[str,
         raise ValueError("the matrix must be positive definite") from error
     tied = dict(draws)
     for name, row in zip(correlation.leaves, factor, strict=True):
-        draw: Any = draws[name]
-        marginal = draw.marginal if isinstance(draw, Correlated) else draw
-        tied[name] = Correlated(marginal, correlation.leaves, tuple(row.tolist()))
+        tied[name] = Correlated(draws[name].alone(), correlation.leaves, tuple(row.tolist()))
     return tied
 
 
 def lowest(scenario: Any, draws: Mapping[str, Draw], name: str) -> float:
     """The smallest value that a leaf can take in the ensemble."""
     nominal = np.asarray(get(scenario, name), float)
-    return float(np.min(box(draws[name], nominal)[0] if name in draws else nominal))
+    return float(np.min(draws[name].box(nominal)[0] if name in draws else nominal))

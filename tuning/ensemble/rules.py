@@ -10,7 +10,7 @@ import numpy as np
 
 import agvjax
 
-from .draws import Draw, box
+from .draws import Draw
 
 
 def undrawable(scenario: Any, draws: Mapping[str, Draw]) -> list[agvjax.Fault]:
@@ -37,7 +37,7 @@ def beyond_rules(scenario: Any, draws: Mapping[str, Draw]) -> list[agvjax.Fault]
     found = []
     for name, draw in draws.items():
         nominal = np.asarray(agvjax.leaves(scenario)[name], float)
-        found += ends_beyond_rules(scenario, name, box(draw, nominal), f"ensemble.draws.{name}")
+        found += ends_beyond_rules(scenario, name, draw.box(nominal), f"ensemble.draws.{name}")
     return found
 
 

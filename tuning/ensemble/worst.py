@@ -17,7 +17,7 @@ import agvjax
 from agvjax.leaves import get
 
 from ..compute.processes import gathered
-from .draws import Correlated, Draw, OneOf, box, sample
+from .draws import Draw, sample
 
 TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
@@ -51,9 +51,9 @@ class Box(NamedTuple):
         """The box of an ensemble's draws."""
         names = tuple(sorted(draws))
         nominal = [np.asarray(get(scenario, name), float) for name in names]
-        ends = [box(draws[name], value) for name, value in zip(names, nominal, strict=True)]
+        ends = [draws[name].box(value) for name, value in zip(names, nominal, strict=True)]
         low, high = (np.concatenate([np.ravel(end[side]) for end in ends]) for side in (0, 1))
-        moves = [np.full(x.size, not isinstance(draws[n], OneOf)) for n, x in zip(names, nominal, strict=True)]
+        moves = [np.full(x.size, draws[n].moves) for n, x in zip(names, nominal, strict=True)]
         return cls(
             names, tuple(x.shape for x in nominal), low, high, _mix(names, nominal, draws), np.concatenate(moves)
         )
@@ -83,9 +83,9 @@ def _mix(names: Sequence[str], nominal: Sequence[np.ndarray], draws: Mapping[str
     first = dict(zip(names, np.cumsum([0, *(x.size for x in nominal)]), strict=False))
     mix = np.eye(sum(x.size for x in nominal))
     for name in names:
-        draw = draws[name]
-        if isinstance(draw, Correlated):
-            mix[first[name], [first[leaf] for leaf in draw.leaves]] = draw.row
+        partners = draws[name].partners(name)
+        if len(partners) > 1:
+            mix[first[name], [first[leaf] for leaf in partners]] = list(partners.values())
     return mix
 
 

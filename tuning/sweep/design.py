@@ -17,7 +17,7 @@ import agvjax
 from agvjax.leaves import get, unit_of
 
 from ..config.settings import Config
-from ..ensemble.draws import TAIL, Correlated, Distribution, Draw, OneOf, together, uniform
+from ..ensemble.draws import Draw, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on
@@ -52,9 +52,9 @@ class Axis(NamedTuple):
     @property
     def places(self) -> np.ndarray:
         """Where the points of a grid lie, (P,); of a distribution all but its tails."""
-        if isinstance(self.targets[0].draw, OneOf):
+        if not self.targets[0].draw.moves:
             return (np.arange(self.points) + 0.5) / self.points
-        tail = TAIL if any(isinstance(target.draw, (Distribution, Correlated)) for target in self.targets) else 0.0
+        tail = max(target.draw.ends[0] for target in self.targets)
         return np.linspace(tail, 1 - tail, self.points) if self.points > 1 else np.array([0.5])
 
 
@@ -135,24 +135,25 @@ class Design(NamedTuple):
         made = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
         for axis, share in zip((*self.grid, *self.sampled), self._tied(self.shares(first, count).T), strict=True):
             for target in axis.targets:
-                if self.method in SENSITIVITY and isinstance(target.draw, Distribution):
-                    share = TAIL + (1 - 2 * TAIL) * share  # their points lie on the ends too
+                if self.method in SENSITIVITY and target.draw.tailed:
+                    tail = target.draw.ends[0]
+                    share = tail + (1 - 2 * tail) * share  # their points lie on the ends too
                 place = (slice(None),) if target.element is None else (slice(None), target.element)
                 made[target.leaf][place] = self.value(target, share)
         return made
 
     def _tied(self, shares: np.ndarray) -> np.ndarray:
         """Shares (axes, n) of sampled leaves that are drawn together, by the correlations of those among them."""
-        found, own = shares.copy(), {}
-        for i, axis in enumerate(self.sampled, len(self.grid)):
-            if isinstance(axis.targets[0].draw, Correlated):
-                own[axis.name] = i, axis.targets[0].draw
-        for name, (i, draw) in own.items():
-            rows = np.array([own[leaf][1].row for leaf in draw.leaves if leaf in own])
+        tied = shares.copy()
+        draws = {axis.name: axis.targets[0].draw for axis in self.sampled}
+        places = {axis.name: i for i, axis in enumerate(self.sampled, len(self.grid))}
+        partners = {name: row for name, draw in draws.items() if len(row := draw.partners(name)) > 1}
+        for name, leaves in partners.items():
+            there = [leaf for leaf in leaves if leaf in partners]
+            rows = np.array([list(partners[leaf].values()) for leaf in there])
             factor = np.linalg.cholesky(rows @ rows.T)
-            there = [leaf for leaf in draw.leaves if leaf in own]
-            found[i] = together(shares[[own[leaf][0] for leaf in there]], factor[there.index(name)].tolist())
-        return found
+            tied[places[name]] = together(shares[[places[leaf] for leaf in there]], factor[there.index(name)].tolist())
+        return tied
 
     def split(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Leaves of the controller, by their names in it, and of the scenario."""

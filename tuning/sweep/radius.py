@@ -16,7 +16,7 @@ import agvjax
 from agvjax.metric_table import METRICS, criteria
 
 from ..config.settings import Config
-from ..ensemble.draws import Between, OneOf, box
+from ..ensemble.draws import Between
 from ..ensemble.worst import Adversary
 from .design import LAW, Axis, Design, Target
 from .results import Results
@@ -47,13 +47,13 @@ class Reach(NamedTuple):
     def of(cls, plan: Design) -> Reach:
         """Of a design; choices and gains stay where they are."""
         every = (*plan.grid, *plan.sampled)
-        moves = [a for a in every if not any(isinstance(t.draw, OneOf) or t.leaf.startswith(LAW) for t in a.targets)]
+        moves = [a for a in every if all(t.draw.moves and not t.leaf.startswith(LAW) for t in a.targets)]
         return cls(plan, tuple(moves), tuple(a.name for a in every if a not in moves))
 
     def ends(self, target: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lower end, nominal, upper end of a target."""
         nominal = self.plan.nominal_of(target)
-        low, high = box(target.draw, nominal)
+        low, high = target.draw.box(nominal)
         return np.minimum(low, nominal), nominal, np.maximum(high, nominal)
 
     def leaves(self, moves: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from agvjax.metric_table import metrics_of
 
 from ..config import rules
 from ..config.settings import Config
-from ..ensemble.draws import Draw, box
+from ..ensemble.draws import Draw
 from ..ensemble.rules import beyond_rules, ends_beyond_rules, near, undrawable
 from .design import LAW, SENSITIVITY, design, element_of
 
@@ -94,7 +94,7 @@ def _axis(config: Config, name: str, draw: Draw) -> list[agvjax.Fault]:
     if element is not None and (nominal.ndim != 1 or element >= nominal.size):
         return [agvjax.Fault("sweep.over", name, f"an element of {leaf}, which has the shape {nominal.shape}")]
     part = nominal if element is None else nominal[element]
-    ends = box(draw, part)
+    ends = draw.box(part)
     if element is not None:
         ends = tuple(np.where(np.arange(nominal.size) == element, end, nominal) for end in ends)
     found = ends_beyond_rules(tree, inner, ends, f"sweep.over.{name}")

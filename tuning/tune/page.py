@@ -10,7 +10,6 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import OF_DELIVERED, metrics_of, unit
 
-from ..ensemble.draws import Correlated, Distribution
 from ..ensemble.worst import statement
 from ..io.pages import grid
 from .analysis import Findings
@@ -214,5 +213,5 @@ def _smooth_note(names: Sequence[str]) -> str:
 
 
 def _cut(posed: Any) -> str:
-    tailed = [n for n, d in posed.config.ensemble.draws.items() if isinstance(d, (Correlated, Distribution))]
+    tailed = [n for n, d in posed.config.ensemble.draws.items() if d.tailed]
     return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""

@@ -25,7 +25,6 @@ from tuning import (
     sample,
     solve,
 )
-from tuning.ensemble.draws import box
 from tuning.ensemble.worst import Adversary, Box, batch_of, statement
 
 
@@ -66,11 +65,11 @@ def test_one_of_some_values_is_drawn_as_often_as_the_others():
 
 
 def test_the_box_of_a_distribution_leaves_out_a_thousandth_on_either_side():
-    low, high = box(Distribution("norm", {}), np.array(0.0))
+    low, high = Distribution("norm", {}).box(np.array(0.0))
     np.testing.assert_allclose([low, high], stats.norm.ppf([1e-3, 1 - 1e-3]), rtol=1e-12)
-    low, high = box(Distribution("expon", {}), np.array(0.0))
+    low, high = Distribution("expon", {}).box(np.array(0.0))
     np.testing.assert_allclose([low, high], [-np.log1p(-1e-3), -np.log(1e-3)], rtol=1e-9)
-    assert box(Times(0.5, 1.5), np.array([2.0, 4.0]))[1].tolist() == [3.0, 6.0]
+    assert Times(0.5, 1.5).box(np.array([2.0, 4.0]))[1].tolist() == [3.0, 6.0]
 
 
 def test_another_part_is_drawn_anew():
@@ -213,5 +212,5 @@ def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(ga
         assert f.value >= beaten[posed.tuner.objective.names.index(f.metric)], f.metric
         assert f.rollouts <= 1000
         for name, draw in config.ensemble.draws.items():
-            low, high = box(draw, np.asarray(agvjax.leaves(Scenario())[name]))
+            low, high = draw.box(np.asarray(agvjax.leaves(Scenario())[name]))
             assert np.all((f.scenario[name] >= low - 1e-12) & (f.scenario[name] <= high + 1e-12)), name

@@ -15,6 +15,7 @@ from scipy.stats import qmc
 import agvjax
 from agvjax import Command, Scenario
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
+from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
@@ -52,11 +53,13 @@ LAW = Proportional()
 
 def config_of(*over, law=LAW, **sweep):
     """A sweep of half a second."""
-    return Config(
-        controller=law,
-        simulate=Simulate(horizon=0.5),
-        tune=Tune(search=Search(scouts=32, starts=3, iterations=6)),
-        sweep=Sweep(over=over, metrics=("rmse",), integrator="euler", **sweep),
+    return complete(
+        Config(
+            controller=law,
+            simulate=Simulate(horizon=0.5),
+            tune=Tune(search=Search(scouts=32, starts=3, iterations=6)),
+            sweep=Sweep(over=over, metrics=("rmse",), integrator="euler", **sweep),
+        )
     )
 
 
