@@ -35,7 +35,7 @@ def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manife
     """The manifest of a sweep; what its shards do not hang on is left out, and may be changed afterwards."""
     free: dict[str, Any] = {"fails": {}, "radius": True, "metrics": kept(config)}
     return shards.manifest(
-        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **free))),
+        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **free)), strict=False),
         config.seed,
         {name: configuration.gains_table(law) for name, law in laws.items()},
         plan.size,
