@@ -11,7 +11,7 @@ from pathlib import Path
 from agvjax import Fault, InputError
 
 from ..config import Config, dump
-from ..config.codecs import flat
+from ..config.spellings import flat
 from ..io import files
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import agvjax
 
 from . import imports as files_of_classes
-from .codecs import KINDS, Toml
 from .read import Reader
 from .rules import Rules, checked, faults
 from .settings import VERSION, Config
+from .spellings import KINDS, Toml
 
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
 

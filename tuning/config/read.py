@@ -11,10 +11,11 @@ import numpy as np
 
 import agvjax
 
-from .codecs import CODECS, Toml, numbers
+from .codecs import CODECS
 from .names import CLASSES, Classes
 from .recipes import RECIPES, Recipe
 from .settings import Config
+from .spellings import Toml, numbers
 
 RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
@@ -61,13 +62,22 @@ class Reader:
         if key in self.classes:
             return self.pick(key, default, table)
         if key in CODECS:
-            return CODECS[key].read(self, key, default, table)
+            return self.coded(key, default, table)
         if default is None:
             self.wrong(key, table, "absent: it can be set in Python only")
             return default
         if dataclasses.is_dataclass(default):
             return self.fields(key, default, table)
         return self.plain(key, default, table, choices)
+
+    def coded(self, key: str, default: Any, table: Toml) -> Any:
+        """What its codec makes of the table; the default where that is wrong, so that nothing more is said of it."""
+        codec, before = CODECS[key], len(self.faults)
+        if not isinstance(table, codec.table):
+            self.wrong(key, table, codec.rule)
+            return default
+        value = codec.read(self, key, default, table)
+        return value if len(self.faults) == before else default
 
     def fields(self, key: str, default: Any, table: Toml) -> Any:
         """A dataclass from a table."""

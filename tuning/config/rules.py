@@ -48,7 +48,8 @@ def check(config: Config, rules: Rules = faults) -> Config:
     table, writer = table_of(config, settings=True)
     reader = Reader(classes(config.imports))
     bare = Config(controller=config.controller, scenario=config.scenario, imports=config.imports)
-    return checked(reader.config(table, bare), rules, writer.faults + reader.faults)
+    settings, said = reader.config(table, bare), {fault.key for fault in writer.faults}
+    return checked(settings, rules, writer.faults + [fault for fault in reader.faults if fault.key not in said])
 
 
 def checked(config: Config, rules: Rules, wrong: list[agvjax.Fault]) -> Config:

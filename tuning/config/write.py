@@ -12,12 +12,13 @@ import tomli_w
 
 import agvjax
 
-from .codecs import CODECS, Toml, flat
+from .codecs import CODECS
 from .imports import classes, source
 from .names import CLASSES
 from .read import Reader
 from .recipes import RECIPES
 from .settings import VERSION, Config
+from .spellings import Toml, flat
 
 
 class Writer:
@@ -33,7 +34,8 @@ class Writer:
         if key in CLASSES:
             return self.typed(key, value, key)
         if key in CODECS:
-            return CODECS[key].write(self, key, value)
+            codec = CODECS[key]
+            return codec.write(self, key, value) if isinstance(value, codec.setting) else value
         if not dataclasses.is_dataclass(usual):
             return value
         if type(value) is not type(usual):
@@ -60,7 +62,7 @@ class Writer:
         for field in dataclasses.fields(value):
             name, part = f"{key}.{field.name}" if key else field.name, getattr(value, field.name)
             usual = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-            if part is not None or name in CLASSES:
+            if part is not None or usual is not None or name in CLASSES:
                 table[field.name] = self.write(name, part, usual)
         return table
 

@@ -1,0 +1,139 @@
+"""Values that stand in tables of TOML by name: draws, axes, pairs, columns; and the words that are written for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..ensemble.draws import Between, Correlated, Distribution, Draw, OneOf, Span, Times
+from ..io.csv_file import Column
+
+Toml = Any  # what a file may hold, or a person may have put in its place
+KINDS = ("between", "times", "one_of", "distribution")  # of draws
+
+
+def flat(table: Mapping[str, Toml], kinds: Sequence[str], prefix: str = "") -> list[tuple[str, Toml]]:
+    """Dotted keys, quoted or not, as one flat list; a table with one of the `kinds` in it is a value."""
+    rows = []
+    for name, value in table.items():
+        nested = isinstance(value, Mapping) and not set(value) & set(kinds)
+        rows += flat(value, kinds, f"{prefix}{name}.") if nested and value else [(prefix + name, value)]
+    return rows
+
+
+def numbers(value: Toml) -> np.ndarray | None:
+    """A number or a regular list of numbers as an array; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, list)):
+        return None
+    try:
+        array = np.asarray(value)
+        return array.astype(float) if array.dtype.kind in "ifO" else None
+    except (ValueError, TypeError, OverflowError):  # unequal lists, strings among numbers, integers beyond any float
+        return None
+
+
+def gain(value: Toml, name: str) -> str:
+    """The gain that another is tied to."""
+    if not isinstance(value, str):
+        raise ValueError("the name of a gain")
+    return value
+
+
+def pair(value: Toml, name: str) -> tuple[float, float]:
+    """The bounds of a gain."""
+    array = numbers(value) if isinstance(value, list) else None
+    if array is None or array.shape != (2,) or not array[0] <= array[1]:
+        raise ValueError("[low, high] with low <= high")
+    return float(array[0]), float(array[1])
+
+
+def draw(table: Toml, name: str = "") -> Draw:
+    """How a leaf is drawn."""
+    rule = "{ between = [low, high] }, { times = [low, high] } with low <= high, { one_of = [values] }, or"
+    rule += ' { distribution = "a name in scipy.stats", its parameters, times = true or false }'
+    rest = dict(table) if isinstance(table, Mapping) else {}
+    if "distribution" in rest:
+        return _distribution(rest, rule)
+    kind, value = next(iter(rest.items())) if len(rest) == 1 else ("", None)
+    array = numbers(value) if isinstance(value, list) else None
+    if array is None or array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+        raise ValueError(rule)
+    if kind == "one_of":
+        return OneOf(tuple(array.tolist()))
+    if kind not in ("between", "times") or array.size != 2 or array[0] > array[1]:
+        raise ValueError(rule)
+    return (Between if kind == "between" else Times)(*array.tolist())
+
+
+def _distribution(rest: dict[str, Toml], rule: str) -> Distribution:
+    family, times = rest.pop("distribution"), rest.pop("times", False)
+    if not (isinstance(family, str) and isinstance(times, bool) and all(map(_number, rest.values()))):
+        raise ValueError(rule)
+    found = Distribution(family, {key: float(value) for key, value in rest.items()}, times)
+    try:
+        found.quantile(0.5, 1.0)
+    except ValueError as error:
+        raise ValueError(f"a distribution of scipy.stats with its parameters ({error})") from error
+    return found
+
+
+def _number(value: Toml) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def span(table: Toml, name: str = "") -> Span:
+    """A draw with `points`: on a grid, of `one_of` all values; without points, or 0 of `one_of`, it is sampled."""
+    given: Toml = {"one_of": table} if isinstance(table, list) else table if isinstance(table, Mapping) else {}
+    rest = {name: value for name, value in given.items() if name != "points"}
+    rule = "{ between = [low, high], points = 11 }, without points to be sampled; or times, one_of, a distribution"
+    try:
+        axis = draw(rest)
+    except ValueError as error:
+        raise ValueError(f"{rule}; or a list of values") from error
+    values = axis.values if isinstance(axis, OneOf) else ()
+    points = given.get("points", len(values))
+    usable = (0, len(values)) if values else range(0 if "points" not in given else 1, 2**63)
+    if len(set(values)) < len(values) or type(points) is not int or points not in usable:
+        raise ValueError(f"{rule}; or a list of values")
+    return Span(axis, int(points))
+
+
+def column(value: Toml, name: str) -> Column:
+    """Where a quantity stands in a log; in a column of its own name unless another is said."""
+    rule = '"the name of a column", or { column = "its name", unit = "deg", factor = -1 }, no factor 0'
+    table: Toml = {"column": value} if isinstance(value, str) else value
+    if not isinstance(table, Mapping) or not set(table) <= set(Column._fields) or "." in name:
+        raise ValueError(rule)
+    place = Column(**{"column": name, **table})
+    words = isinstance(place.column, str) and isinstance(place.unit, str)
+    if not words or not _number(place.factor) or not np.isfinite(place.factor) or place.factor == 0:
+        raise ValueError(rule)
+    return place
+
+
+def _spelled_span(axis: Span) -> Toml:
+    every = len(axis.draw.values) if isinstance(axis.draw, OneOf) else 0
+    return spelled(axis.draw) if axis.points == every else {**spelled(axis.draw), "points": axis.points}
+
+
+def _spelled_column(place: Column) -> Toml:
+    more = {name: x for name, x in (("unit", place.unit), ("factor", place.factor)) if x not in ("", 1.0)}
+    return {"column": place.column, **more} if more else place.column
+
+
+SPELLED = {
+    Between: lambda draw: {"between": [draw.low, draw.high]},
+    Times: lambda draw: {"times": [draw.low, draw.high]},
+    OneOf: lambda draw: {"one_of": draw.values},
+    Distribution: lambda draw: {"distribution": draw.name, **draw.parameters, "times": draw.times},
+    Correlated: lambda draw: spelled(draw.marginal),  # of their correlation [ensemble] has a table
+    Span: _spelled_span,
+    Column: _spelled_column,
+}
+
+
+def spelled(value: Any) -> Toml:
+    """What is written for a value; for one that is of no such kind the value."""
+    return SPELLED[type(value)](value) if type(value) in SPELLED else value
