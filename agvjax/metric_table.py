@@ -1,93 +1,211 @@
-"""The metrics by name: what each is of a run, and its unit."""
+"""The metrics of a run, and their table: one row a metric, with one name in Python, TOML, tables and docs.
+
+A field of `Metrics` has a number for each channel, and `NAME_x`, `NAME_y`, `NAME_heading` is one of them; what is over
+all channels is a property. A new metric is a field or a property here, a row in `METRICS`, and what it sums up in
+`agvjax.metrics`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
-from .metrics import Criteria, Metrics
+from ._pytree import pytree
 from .protocols import Plant
 
-AXES = ("x", "y", "heading")
+AXES = ("x", "y", "heading")  # the channels, in order
 
 
-def _sloped(true: Array, smooth: Array | None) -> Array:
-    """The true value with the slope of its smooth stand-in, where there is one."""
-    if smooth is None:
-        return true
-    fine = jnp.isfinite(true) & jnp.isfinite(smooth)
-    return smooth + jax.lax.stop_gradient(jnp.where(fine, true, 0.0) - jnp.where(fine, smooth, 0.0))
+class Metric(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        name: in Python (`metrics[name]`), TOML, tables and docs.
+        unit: of its values, for tables.
+        heading: whether it is there only where the heading can be commanded.
+        delivered: whether it is there only with `Criteria.delivered`.
+        field: of `Metrics`, where that has another name.
+        channel: which channel of the field; None of a field without channels.
+    """
+
+    name: str
+    unit: str
+    heading: bool = False
+    delivered: bool = False
+    field: str = ""
+    channel: int | None = None
 
 
-def _settling(m: Metrics) -> Array:
-    return _sloped(m.settling_time, m.settling_smooth)
+def _by_axis(name: str, position: str, heading: str, field: str = "") -> list[Metric]:
+    units = (position, position, heading)
+    return [Metric(f"{name}_{a}", units[i], heading=i == 2, field=field or name, channel=i) for i, a in enumerate(AXES)]
 
 
-def _by_axis(name: str, of: Callable[[Metrics], Array]) -> dict[str, Callable[[Metrics], Array]]:
-    return {f"{name}_{axis}": lambda m, i=i: of(m)[..., i] for i, axis in enumerate(AXES)}
-
-
-METRICS: dict[str, Callable[[Metrics], Array]] = {
-    "rmse": lambda m: m.total_rmse,
-    "effort": lambda m: m.effort,
-    "peak_position": lambda m: m.peak_position,
-    "peak_heading": lambda m: m.peak_heading,
-    "chatter": lambda m: m.total_chatter,
-    "settling_time": lambda m: jnp.max(_settling(m), -1),
-    "iae": lambda m: jnp.sum(m.iae, -1),
-    "ise": lambda m: jnp.sum(m.ise, -1),
-    "itae": lambda m: jnp.sum(m.itae, -1),
-    **_by_axis("rmse", lambda m: m.rmse),
-    **_by_axis("rmse_late", lambda m: m.rmse_late),
-    **_by_axis("overshoot", lambda m: m.overshoot),
-    **_by_axis("settling_time", _settling),
-    **_by_axis("effort", lambda m: m.rms_command),
-    **{f"peak_{axis}": lambda m, i=i: m.peak_command[..., i] for i, axis in enumerate(AXES[:2])},
-    **_by_axis("chatter", lambda m: m.chatter),
-    "delivered_effort": lambda m: m.delivered_effort,
-    "delivered_peak": lambda m: jnp.max(jnp.asarray(m.peak_delivered), -1),
-    "delivered_variation": lambda m: jnp.sum(jnp.asarray(m.variation_delivered), -1),
-    "limited": lambda m: jnp.asarray(m.limited),
+METRICS: dict[str, Metric] = {
+    row.name: row
+    for row in (
+        Metric("total_rmse", "m, rad"),
+        Metric("effort", "mixed"),
+        Metric("peak_position", "m/s^2"),
+        Metric("peak_heading", "rad/s", heading=True),
+        Metric("total_chatter", "mixed"),
+        Metric("longest_settling_time", "s"),
+        Metric("total_iae", "mixed"),
+        Metric("total_ise", "mixed"),
+        Metric("total_itae", "mixed"),
+        *_by_axis("rmse", "m", "rad"),
+        *_by_axis("rmse_late", "m", "rad"),
+        *_by_axis("overshoot", "m", "rad"),
+        *_by_axis("settling_time", "s", "s", field="sloped_settling_time"),
+        *_by_axis("rms_command", "m/s^2", "rad/s"),
+        *_by_axis("peak_command", "m/s^2", "rad/s")[:2],  # that of the heading is `peak_heading`
+        *_by_axis("chatter", "m/s^2", "rad/s"),
+        Metric("delivered_effort", "of the actuators", delivered=True),
+        Metric("delivered_peak", "of the actuators", delivered=True),
+        Metric("delivered_variation", "of the actuators", delivered=True),
+        Metric("limited", "share of the time", delivered=True),
+    )
 }
 
-
-OF_HEADING = frozenset(name for name in METRICS if name.endswith("_heading"))
-
-
-OF_DELIVERED = frozenset(("delivered_effort", "delivered_peak", "delivered_variation", "limited"))
-
-
-_UNITS = {"rmse": "m, rad", "effort": "mixed", "chatter": "mixed", "iae": "mixed", "ise": "mixed", "itae": "mixed"}
-
-
-_UNITS |= {name: "of the actuators" for name in OF_DELIVERED} | {"limited": "share of the time"}
-
-
-_UNITS |= {"peak_position": "m/s^2", "peak_heading": "rad/s", "settling_time": "s"}
+OLD_NAMES = {  # in files of earlier releases
+    "rmse": "total_rmse",
+    "chatter": "total_chatter",
+    "settling_time": "longest_settling_time",
+    "iae": "total_iae",
+    "ise": "total_ise",
+    "itae": "total_itae",
+    **{f"effort_{axis}": f"rms_command_{axis}" for axis in AXES},
+    **{f"peak_{axis}": f"peak_command_{axis}" for axis in AXES[:2]},
+}
 
 
 def metrics_of(plant: Plant) -> tuple[str, ...]:
     """The metrics that there are for a plant: none of the heading where that cannot be commanded."""
-    heading = plant.commands_heading
-    return tuple(name for name in METRICS if heading or name not in OF_HEADING)
+    return tuple(name for name, row in METRICS.items() if plant.commands_heading or not row.heading)
 
 
-def criteria(names: Iterable[str], sloped: bool = False) -> Criteria:
-    """How runs must be judged to have these metrics, and if so asked slopes of all of them."""
-    names = tuple(names)
-    smooth = sloped and any(name.startswith("settling") for name in names)
-    return Criteria(smooth=smooth, delivered=not OF_DELIVERED.isdisjoint(names))
+@pytree
+class Metrics:
+    """One number for each of the c channels x, y and, where it can be commanded, heading; a batch adds leading axes.
+
+    A latched run has infinite metrics.
+    """
+
+    rmse: Float[Array, " c"]  # m, m, rad
+    rmse_late: Float[Array, " c"]  # the same after `Criteria.late`; NaN where the run is shorter
+    iae: Float[Array, " c"]  # integral of |e|
+    ise: Float[Array, " c"]  # integral of e^2
+    itae: Float[Array, " c"]  # integral of t |e|
+    overshoot: Float[Array, " c"]  # furthest beyond zero from where the error started, m, m, rad
+    settling_time: Float[Array, " c"]  # s, last time outside the band; infinite where not settled
+    settled: Bool[Array, " c"]  # False: outside the band within `Criteria.margin` of the end
+    rms_command: Float[Array, " c"]  # m/s^2, m/s^2, rad/s
+    peak_command: Float[Array, " c"]  # largest |u|
+    chatter: Float[Array, " c"]  # total variation of u
+    ok: Bool[Array, ""]  # False: diverged and latched
+    settling_smooth: Float[Array, " c"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
+    rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; these four with `Criteria.delivered`
+    peak_delivered: Float[Array, " m"] | None = None
+    variation_delivered: Float[Array, " m"] | None = None  # total variation
+    limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
+
+    def __getitem__(self, name: str) -> Float[Array, ""]:
+        """The metric of a row of `METRICS`, by its name."""
+        row = METRICS[name]
+        values = getattr(self, row.field or name)
+        if values is None:
+            raise ValueError(f"{name} is of what actuators deliver: judge with Criteria(delivered=True)")
+        return values if row.channel is None else values[..., row.channel]
+
+    @property
+    def total_rmse(self) -> Float[Array, ""]:
+        """sqrt(mean of e_x^2 + e_y^2 + e_psi^2), the error of the default tuning problem."""
+        return self._root_of_sum(self.rmse)
+
+    @property
+    def effort(self) -> Float[Array, ""]:
+        """sqrt(mean of u_x^2 + u_y^2 + omega_bar^2)."""
+        return self._root_of_sum(self.rms_command)
+
+    @property
+    def peak_position(self) -> Float[Array, ""]:
+        """Largest |u_x| or |u_y| [m/s^2]."""
+        return jnp.max(self.peak_command[..., :2], axis=-1)
+
+    @property
+    def peak_heading(self) -> Float[Array, ""]:
+        """Largest |omega_bar| [rad/s]."""
+        return self.peak_command[..., 2]
+
+    @property
+    def total_chatter(self) -> Float[Array, ""]:
+        """Sum of the total variations of the commands."""
+        return jnp.sum(self.chatter, axis=-1)
+
+    @property
+    def longest_settling_time(self) -> Float[Array, ""]:
+        """Settling time of the channel that settles last [s]."""
+        return jnp.max(self.sloped_settling_time, -1)
+
+    @property
+    def total_iae(self) -> Float[Array, ""]:
+        """Sum of the integrals of |e|."""
+        return jnp.sum(self.iae, -1)
+
+    @property
+    def total_ise(self) -> Float[Array, ""]:
+        """Sum of the integrals of e^2."""
+        return jnp.sum(self.ise, -1)
+
+    @property
+    def total_itae(self) -> Float[Array, ""]:
+        """Sum of the integrals of t |e|."""
+        return jnp.sum(self.itae, -1)
+
+    @property
+    def sloped_settling_time(self) -> Float[Array, " c"]:
+        """The settling time with the slope of `settling_smooth`; where not settled, the smooth time itself.
+
+        Without `Criteria.smooth` it is `settling_time`.
+        """
+        true, smooth = self.settling_time, self.settling_smooth
+        if smooth is None:
+            return true
+        fine = jnp.isfinite(true) & jnp.isfinite(smooth)
+        return smooth + jax.lax.stop_gradient(jnp.where(fine, true, 0.0) - jnp.where(fine, smooth, 0.0))
+
+    @property
+    def delivered_effort(self) -> Float[Array, ""]:
+        """sqrt(mean of the sum of squares of what the actuators delivered)."""
+        return self._root_of_sum(_judged(self.rms_delivered))
+
+    @property
+    def delivered_peak(self) -> Float[Array, ""]:
+        """Largest size of what an actuator delivered."""
+        return jnp.max(_judged(self.peak_delivered), -1)
+
+    @property
+    def delivered_variation(self) -> Float[Array, ""]:
+        """Sum of the total variations of what the actuators delivered."""
+        return jnp.sum(_judged(self.variation_delivered), -1)
+
+    def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
+        ok = jnp.asarray(self.ok)
+        finite = jnp.where(ok[..., None], parts, 0.0)  # the square of an infinite metric would have a slope of NaN
+        return jnp.where(ok, safe_sqrt(jnp.sum(finite**2, axis=-1)), jnp.inf)
 
 
-def unit(metric: str) -> str:
-    """Unit of a metric, for tables."""
-    if metric in _UNITS:
-        return _UNITS[metric]
-    kind, _, axis = metric.rpartition("_")
-    if kind == "settling_time":
-        return "s"
-    turns = axis == "heading"
-    return ("rad" if turns else "m") if kind in ("rmse", "rmse_late", "overshoot") else ("rad/s" if turns else "m/s^2")
+def _judged(values: Float[Array, " m"] | None) -> Float[Array, " m"]:
+    """What actuators delivered, where that was looked at."""
+    if values is None:
+        raise ValueError("metrics of what actuators deliver need Criteria(delivered=True)")
+    return jnp.asarray(values)
+
+
+def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Square root whose derivative at 0 is 0 and not infinite."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

@@ -7,6 +7,7 @@ over all samples.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -16,69 +17,10 @@ from jaxtyping import Array, Bool, Float
 from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
 from .engine import loop
 from .geometry import wrap
+from .metric_table import METRICS, safe_sqrt
+from .metric_table import Metrics as Metrics
 
 MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how soft the band is, as a share of it
-
-
-@pytree
-class Metrics:
-    """One number for each of the c channels x, y and, where it can be commanded, heading; a batch adds leading axes.
-
-    A latched run has infinite metrics.
-    """
-
-    rmse: Float[Array, " c"]  # m, m, rad
-    rmse_late: Float[Array, " c"]  # the same after `Criteria.late`; NaN where the run is shorter
-    iae: Float[Array, " c"]  # integral of |e|
-    ise: Float[Array, " c"]  # integral of e^2
-    itae: Float[Array, " c"]  # integral of t |e|
-    overshoot: Float[Array, " c"]  # furthest beyond zero from where the error started, m, m, rad
-    settling_time: Float[Array, " c"]  # s, last time outside the band; infinite where not settled
-    settled: Bool[Array, " c"]  # False: outside the band within `Criteria.margin` of the end
-    rms_command: Float[Array, " c"]  # m/s^2, m/s^2, rad/s
-    peak_command: Float[Array, " c"]  # largest |u|
-    chatter: Float[Array, " c"]  # total variation of u
-    ok: Bool[Array, ""]  # False: diverged and latched
-    settling_smooth: Float[Array, " c"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
-    rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; these four with `Criteria.delivered`
-    peak_delivered: Float[Array, " m"] | None = None
-    variation_delivered: Float[Array, " m"] | None = None  # total variation
-    limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
-
-    @property
-    def total_rmse(self) -> Float[Array, ""]:
-        """sqrt(mean of e_x^2 + e_y^2 + e_psi^2), the error of the default tuning problem."""
-        return self._root_of_sum(self.rmse)
-
-    @property
-    def effort(self) -> Float[Array, ""]:
-        """sqrt(mean of u_x^2 + u_y^2 + omega_bar^2)."""
-        return self._root_of_sum(self.rms_command)
-
-    @property
-    def peak_position(self) -> Float[Array, ""]:
-        """Largest |u_x| or |u_y| [m/s^2]."""
-        return jnp.max(self.peak_command[..., :2], axis=-1)
-
-    @property
-    def peak_heading(self) -> Float[Array, ""]:
-        """Largest |omega_bar| [rad/s]."""
-        return self.peak_command[..., 2]
-
-    @property
-    def total_chatter(self) -> Float[Array, ""]:
-        """Sum of the total variations of the commands."""
-        return jnp.sum(self.chatter, axis=-1)
-
-    @property
-    def delivered_effort(self) -> Float[Array, ""]:
-        """sqrt(mean of the sum of squares of what the actuators delivered)."""
-        return self._root_of_sum(self.rms_delivered)  # pyright: ignore[reportArgumentType]
-
-    def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
-        ok = jnp.asarray(self.ok)
-        finite = jnp.where(ok[..., None], parts, 0.0)  # the square of an infinite metric would have a slope of NaN
-        return jnp.where(ok, safe_sqrt(jnp.sum(finite**2, axis=-1)), jnp.inf)
 
 
 @pytree
@@ -121,6 +63,13 @@ class Criteria:
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
     smooth: bool = structure(False)  # also a settling time that has a slope
     delivered: bool = structure(False)  # also what the actuators delivered
+
+    @classmethod
+    def of(cls, names: Iterable[str], sloped: bool = False) -> Criteria:
+        """How runs must be judged to have these metrics, and if so asked slopes of all of them."""
+        names = tuple(names)
+        smooth = sloped and any("settling_time" in name for name in names)
+        return cls(smooth=smooth, delivered=any(METRICS[name].delivered for name in names))
 
     def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[Any, Any]:
         """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
@@ -254,12 +203,6 @@ def tracking_error(sample: Any) -> Float[Array, " c"]:
         return position
     heading = wrap(sample.heading - sample.reference_heading)
     return jnp.concatenate([position, heading[..., None]], axis=-1)
-
-
-def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Square root whose derivative at 0 is 0 and not infinite."""
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
 
 def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:

@@ -23,7 +23,7 @@ def prepare(job: dict[str, Any]) -> Callable[[], Any]:
     from tuning.sweep import shards, work
     from tuning.sweep.design import design
 
-    config = Config(sweep=Sweep(over=(), ensemble=True, samples=SIZE, metrics=("rmse",)))
+    config = Config(sweep=Sweep(over=(), ensemble=True, samples=SIZE, metrics=("total_rmse",)))
     plan = design(config)
     if job["form"] == "evaluate":
         batch = agvjax.batch(config.scenario, plan.values(0, SIZE))
@@ -36,7 +36,7 @@ def prepare(job: dict[str, Any]) -> Callable[[], Any]:
         with tempfile.TemporaryDirectory() as folder:
             shards.write_manifest(Path(folder), made)
             work.run(Path(folder), made, plan, judges)
-            return load(folder).metrics["rmse"][0]
+            return load(folder).metrics["total_rmse"][0]
 
     return sweep
 

@@ -8,7 +8,6 @@ import jax
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS
 
 from .. import config as configuration
 from ..io import files
@@ -62,4 +61,4 @@ def _worth(metrics: agvjax.Metrics, names: tuple[str, ...]) -> list[list[float]]
     """Mean and worst of metrics over the runs that did not diverge."""
     ok = np.asarray(metrics.ok)
     kept = jax.tree.map(lambda x: x[ok], metrics)
-    return [[float(np.mean(v)), float(np.max(v))] for v in (np.asarray(METRICS[n](kept)) for n in names)]
+    return [[float(np.mean(v)), float(np.max(v))] for v in (np.asarray(kept[n]) for n in names)]

@@ -32,7 +32,8 @@ def configure(
 
     JAX is set to its precision, keeps what it compiles, and has joined the other processes of the run.
     """
-    config = configuration.load(arguments.config, overrides(arguments), rules, more, arguments.imports)
+    old: list[str] = []
+    config = configuration.load(arguments.config, overrides(arguments), rules, more, arguments.imports, note=old.append)
     jax.config.update("jax_enable_x64", config.precision == 64)
     compiled.keep_compiled()
     way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
@@ -43,6 +44,8 @@ def configure(
     console = Console(arguments.quiet or not processes.chief())
     if not speed.startswith("fast"):
         console.note(speed)
+    for text in dict.fromkeys(old):
+        console.warn(text)
     return config, console
 
 

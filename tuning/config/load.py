@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib
 import tomllib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import agvjax
 
 from . import imports as files_of_classes
+from .old import present
 from .read import Reader
 from .rules import Rules, checked, faults
 from .settings import VERSION, Config
@@ -19,12 +20,17 @@ from .spellings import KINDS, Toml
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
 
 
+def _warned(text: str) -> None:
+    warnings.warn(text, DeprecationWarning, stacklevel=3)
+
+
 def load(
     files: Sequence[str],
     overrides: Sequence[str] = (),
     rules: Rules | str = faults,
     more: Mapping[str, Toml] | None = None,
     imports: Sequence[str] = (),
+    note: Callable[[str], None] = _warned,
 ) -> Config:
     """The defaults, each file, each `key=value`, then `more` by dotted key; completed and checked.
 
@@ -34,6 +40,7 @@ def load(
         rules: what is wrong with a configuration; every room has such a function for what it needs.
         more: values by dotted key.
         imports: files of Python with classes of one's own, which TOML then knows by name; they are executed.
+        note: told of every name that is old and still read.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
@@ -43,11 +50,11 @@ def load(
         part = _parsed(name)
         if missing := files_of_classes.missing(part.get("imports", {}), given):
             raise agvjax.InputError(missing)
-        _merge(table, part)
+        _merge(table, present(part, note))
     for text in overrides:
-        _merge(table, _override(text))
+        _merge(table, present(_override(text), note))
     for key, value in (more or {}).items():
-        _merge(table, _nested(key, value))
+        _merge(table, present(_nested(key, value), note))
     return resolve(table, rules, imports)
 
 
@@ -63,7 +70,8 @@ def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Seq
     if missing := files_of_classes.missing(table.get("imports", {}), given):
         raise agvjax.InputError(missing)
     reader = Reader(files_of_classes.classes(given))
-    config = reader.config({name: part for name, part in table.items() if name != "imports"}, Config(imports=given))
+    table = present({name: part for name, part in table.items() if name != "imports"}, lambda text: None)
+    config = reader.config(table, Config(imports=given))
     return checked(config, _rules(rules) if isinstance(rules, str) else rules, reader.faults)
 
 

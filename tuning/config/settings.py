@@ -32,7 +32,7 @@ MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2*
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
 WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
 FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
-SWEPT_METRICS = ("rmse", "effort", "peak_position", "peak_heading", "chatter", "settling_time")
+SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
 
 
@@ -84,7 +84,7 @@ class Limit:
 
 def default_goals() -> dict[str, Weights]:
     """The default problem's."""
-    return {"rmse": Weights(mean=1.0, worst=0.3)}
+    return {"total_rmse": Weights(mean=1.0, worst=0.3)}
 
 
 def default_limits() -> dict[str, Limit]:
@@ -166,7 +166,7 @@ class Sweep:
     samples: int = number(1024, "at every node of the grid", SWEPT)
     controllers: tuple[str, ...] = ()  # beside the configured one: files of gains, or names of laws
     metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
-    fails: dict[str, Bound] = dataclasses.field(default_factory=lambda: {"rmse": Bound()})
+    fails: dict[str, Bound] = dataclasses.field(default_factory=lambda: {"total_rmse": Bound()})
     radius: bool = True  # look for the largest box around nominal in which nothing fails
     shard: int = number(8192, "scenarios", MANY)
     dt: float = number(1e-2, "s", POSITIVE)

@@ -10,13 +10,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from agvjax.metric_table import unit
+from agvjax.metric_table import METRICS
 
 from .design import Axis, Design
 from .findings import Index, cut, interval
 from .results import Results
 
-METRICS = 6  # maps of so many
+MOST_MAPS = 6  # maps of so many metrics
 CUTS = 6  # axes shown
 WIDE = 8  # ratio from which colours are logarithmic
 MAPS = 4  # controllers beside each other in a figure
@@ -29,7 +29,7 @@ def every(
     drawn: dict[str, Figure] = {}
     first, *_ = metrics = list(results.metrics)
     if len(_mapped(results.design)) == 2:
-        drawn |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:METRICS]}
+        drawn |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:MOST_MAPS]}
         if which.any():
             drawn["map_failures"] = failure_map(results, which)
         others = range(1, len(results.names))
@@ -100,7 +100,9 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
         _panel(axes, results, picture, bad, norm, "viridis")
         some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
         axes.set_title(results.names[i] + some, fontsize=10)
-    figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, label=f"{metric} [{unit(metric)}]", extend="max")
+    figure.colorbar(
+        ScalarMappable(norm, "viridis"), ax=panels, label=f"{metric} [{METRICS[metric].unit}]", extend="max"
+    )
     return figure
 
 
@@ -178,7 +180,7 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
                 axes.axhline(bounds[metric], color="red", lw=0.8)
             axes.grid(alpha=0.25)
             axes.set_xlabel(label(plan, axis), fontsize=8)
-        row[0].set_ylabel(f"{metric} [{unit(metric)}]", fontsize=9)
+        row[0].set_ylabel(f"{metric} [{METRICS[metric].unit}]", fontsize=9)
     panels[0][0].legend(fontsize=7)
     figure.suptitle("median, 90 % band and worst (dotted) over all else; grey: nominal; red: failure", fontsize=9)
     return figure
@@ -211,7 +213,7 @@ def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
             axes.semilogy(values[shown][finite], beyond[finite], lw=1.3, color=f"C{i % 10}", label=name)
         if metric in bounds:
             axes.axvline(bounds[metric], color="red", lw=0.8)
-        axes.set(xlabel=f"{metric} [{unit(metric)}]")
+        axes.set(xlabel=f"{metric} [{METRICS[metric].unit}]")
         axes.grid(alpha=0.25)
     for axes in panels[len(metrics) :]:
         axes.set_visible(False)
@@ -233,7 +235,7 @@ def sensitivity(found: Mapping[str, list[Index]], method: str) -> Figure:
         errors = None if method == "morris" else [x.total_error for x in indices]
         axes.barh(place - 0.2, [x.total for x in indices], 0.38, xerr=errors, label=names[1])
         axes.set_yticks(place, [x.axis for x in indices], fontsize=7)
-        axes.set_title(metric if method == "saltelli" else f"{metric} [{unit(metric)}]", fontsize=9)
+        axes.set_title(metric if method == "saltelli" else f"{metric} [{METRICS[metric].unit}]", fontsize=9)
         axes.grid(alpha=0.25, axis="x")
     panels[0].legend(fontsize=7)
     return figure

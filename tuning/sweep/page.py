@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agvjax.metric_table import unit
+from agvjax.metric_table import METRICS
 
 from ..io.pages import grid
 from .design import SENSITIVITY
@@ -62,7 +62,7 @@ def _failures(results: Results, found: Verdict) -> str:
         "share",
         *(["95 % interval of the probability"] if drawn else []),
     ]
-    rule = ", or ".join(f"{name} passes {bound:.5g} {unit(name)}" for name, bound in found.bounds.items())
+    rule = ", or ".join(f"{name} passes {bound:.5g} {METRICS[name].unit}" for name, bound in found.bounds.items())
     relative = " (multiples are of the nominal run with the first controller)" if rule else ""
     note = f"\n\nA run fails if it diverges{', or if ' + rule if rule else ''}{relative}."
     if drawn and results.design.method != "random":
@@ -101,7 +101,9 @@ def _metrics(results: Results, found: Verdict) -> str:
             mean = float(fine.mean()) if fine.size else np.inf
             missing = values[i].size - fine.size
             nominal = found.nominal[i][metric]
-            rows.append([metric, unit(metric), name, nominal, mean, low, middle, high, float(values[i].max()), missing])
+            rows.append(
+                [metric, METRICS[metric].unit, name, nominal, mean, low, middle, high, float(values[i].max()), missing]
+            )
     return grid(
         [
             "metric",

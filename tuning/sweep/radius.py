@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS, criteria
 
 from ..config.settings import Config
 from ..ensemble.draws import Between
@@ -94,11 +93,11 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
         metrics = agvjax.evaluate(
             law,
             agvjax.batch(plan.scenario, leaves),
-            criteria=criteria(bounds),
+            criteria=agvjax.Criteria.of(bounds),
             block=BLOCK,
             **config.timing("sweep"),
         )
-        return jnp.stack([METRICS[name](metrics) / bound for name, bound in bounds.items()]), metrics.ok
+        return jnp.stack([metrics[name] / bound for name, bound in bounds.items()]), metrics.ok
 
     search = config.tune.search
     return Adversary(

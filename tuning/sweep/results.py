@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import tomllib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from agvjax.metric_table import OLD_NAMES
 
 from ..config.load import resolve
 from ..config.settings import Config
@@ -16,6 +19,17 @@ from . import shards
 from .design import Design, design
 from .rules import faults
 from .shards import Manifest
+
+
+class _Metrics(dict[str, np.ndarray]):
+    """Metrics by name; an old name is known and said to be old."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        new = OLD_NAMES.get(name)
+        if new not in self:
+            raise KeyError(name)
+        warnings.warn(f"metric {name!r} is now {new!r}", DeprecationWarning, stacklevel=2)
+        return self[new]
 
 
 class Results(NamedTuple):
@@ -130,7 +144,7 @@ def collect(folder: Path, made: Manifest, config: Config, plan: Design) -> Resul
         config=config,
         design=plan,
         ok=whole["result/ok"],
-        metrics={name: whole[f"result/{name}"] for name in made.metrics},
+        metrics=_Metrics({name: whole[f"result/{name}"] for name in made.metrics}),
         leaves={name: whole[f"leaf/{name}"] for name in made.leaves},
     )
 

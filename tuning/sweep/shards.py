@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import OLD_NAMES
 
 from ..io import files
 
@@ -86,6 +87,7 @@ def read_manifest(folder: Path) -> Manifest:
         if table.pop("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}")
         del table["shards"]
+        table["metrics"] = {OLD_NAMES.get(name, name): unit for name, unit in table["metrics"].items()}
         return Manifest(**table | {name: tuple(table[name]) for name in ("names", "controllers")})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{folder} holds no sweep of this release ({type(error).__name__}: {error})") from error
@@ -111,13 +113,19 @@ def read_shard(folder: Path, made: Manifest, shard: int) -> dict[str, np.ndarray
     """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
-            arrays = dict(file)  # zip knows a checksum of each
+            arrays = {_present(name): file[name] for name in file}  # zip knows a checksum of each
         wanted = {"digest": made.digest, "first": made.span(shard)[0], "count": made.span(shard)[1]}
         fits = all(arrays.pop(name) == value for name, value in wanted.items())
         names = {"result/ok", *(f"result/{n}" for n in made.metrics), *(f"leaf/{n}" for n in made.leaves)}
         return arrays if fits and names == set(arrays) else None
     except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         return None
+
+
+def _present(name: str) -> str:
+    """The name of an array in a shard, its metric by the present name."""
+    kind, slash, metric = name.partition("/")
+    return f"result/{OLD_NAMES.get(metric, metric)}" if kind == "result" and slash else name
 
 
 class Claim:

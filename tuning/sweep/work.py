@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS, criteria, unit
+from agvjax.metric_table import METRICS
 
 from .. import config as configuration
 from ..config.settings import Config
@@ -40,7 +40,7 @@ def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manife
         {name: configuration.gains_table(law) for name, law in laws.items()},
         plan.size,
         config.sweep.shard,
-        metrics={name: unit(name) for name in kept(config)},
+        metrics={name: METRICS[name].unit for name in kept(config)},
         leaves={name: plan.unit(name) for name in plan.names},
     )
 
@@ -81,10 +81,10 @@ def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list
         metrics = agvjax.evaluate(
             controller,
             batch,
-            criteria=criteria(kept(config)),
+            criteria=agvjax.Criteria.of(kept(config)),
             **config.timing("sweep"),
         )
-        return {"ok": metrics.ok, **{name: METRICS[name](metrics) for name in kept(config)}}
+        return {"ok": metrics.ok, **{name: metrics[name] for name in kept(config)}}
 
     def of(law: Any) -> Judge:
         law = agvjax.check(law)

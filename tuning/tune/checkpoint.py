@@ -11,6 +11,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from agvjax.metric_table import OLD_NAMES
+
 from ..io.files import write, write_csv, write_npz
 from .rounds import COLUMNS, Round, Run
 from .tuner import Progress
@@ -73,11 +75,15 @@ def load(folder: Path, fresh: Run) -> Run:
             round=int(saved["round"]),
             searches=searches,
             added={name[6:]: value for name, value in saved.items() if name.startswith("added/")},
-            rounds=tuple(Round(*row) for row in json.loads(str(saved["rounds"]))),
+            rounds=tuple(_round(*row) for row in json.loads(str(saved["rounds"]))),
             past=tuple(tuple(float(x) for x in row) for row in saved["past"]),
         )
     except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error
+
+
+def _round(number: int, metric: str, best: float, worst_found: float) -> Round:
+    return Round(number, OLD_NAMES.get(metric, metric), best, worst_found)
 
 
 def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:

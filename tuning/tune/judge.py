@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS, OF_DELIVERED, OF_HEADING
+from agvjax.metric_table import METRICS
 
 from ..compute import processes as distributed
 from ..config.settings import Config
@@ -110,9 +110,9 @@ class Verdict(NamedTuple):
 def judge(metrics: agvjax.Metrics) -> Judged:
     """Summary of an ensemble's metrics; the worst index is of a diverged run where there is one."""
     ok = np.asarray(metrics.ok)
-    names = set(METRICS) - (OF_HEADING if metrics.rmse.shape[-1] == 2 else set())
-    names -= OF_DELIVERED if metrics.limited is None else set()
-    values = {name: np.asarray(METRICS[name](metrics)) for name in METRICS if name in names}
+    heading, delivered = metrics.rmse.shape[-1] == 3, metrics.limited is not None
+    rows = [row for row in METRICS.values() if (heading or not row.heading) and (delivered or not row.delivered)]
+    values = {row.name: np.asarray(metrics[row.name]) for row in rows}
     kept = {name: v[ok] for name, v in values.items()}
     none = not ok.any()
     return Judged(
@@ -121,5 +121,5 @@ def judge(metrics: agvjax.Metrics) -> Judged:
         latched=int((~ok).sum()),
         unsettled=int((~np.asarray(metrics.settled).all(-1) & ok).sum()),
         size=ok.size,
-        worst_index=int(np.argmax(values["rmse"])),
+        worst_index=int(np.argmax(values["total_rmse"])),
     )

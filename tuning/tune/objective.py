@@ -11,10 +11,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 import agvjax
-from agvjax.metric_table import (
-    METRICS,
-    criteria,
-)
 
 STATISTICS = ("mean", "worst", "cvar")
 
@@ -56,7 +52,7 @@ class Objective(NamedTuple):
     metric and sends no gradient.
     """
 
-    goals: tuple[Requirement, ...] = (Requirement("rmse", "mean", 1.0), Requirement("rmse", "worst", 0.3))
+    goals: tuple[Requirement, ...] = (Requirement("total_rmse", "mean", 1.0), Requirement("total_rmse", "worst", 0.3))
     limits: tuple[Requirement, ...] = within({"effort": 1.0, "peak_position": 1.0, "peak_heading": 1.0})
     penalty: float = 3.0
     latched: float = 10.0
@@ -76,7 +72,7 @@ class Objective(NamedTuple):
     @property
     def criteria(self) -> agvjax.Criteria:
         """How runs must be judged for these metrics to have slopes."""
-        return criteria(self.names, sloped=True)
+        return agvjax.Criteria.of(self.names, sloped=True)
 
     @property
     def places(self) -> list[tuple[int, int]]:
@@ -85,7 +81,7 @@ class Objective(NamedTuple):
 
     def values(self, metrics: agvjax.Metrics) -> tuple[Float[Array, "M B"], Bool[Array, " B"]]:
         """The metrics that matter of every scenario, and which runs are worth having."""
-        return jnp.stack([METRICS[name](metrics) for name in self.names]), metrics.ok
+        return jnp.stack([metrics[name] for name in self.names]), metrics.ok
 
     def shares(self, scenarios: int) -> np.ndarray:
         """Shares of the scenarios in means, of sum 1."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import OF_DELIVERED, metrics_of, unit
+from agvjax.metric_table import METRICS, metrics_of
 
 from ..ensemble.worst import statement
 from ..io.pages import grid
@@ -18,14 +18,14 @@ from .judge import Judged, Verdict
 from .rounds import COLUMNS, Outcome, Round
 from .tuner import SEQUENTIAL
 
-SHOWN = ("rmse", "effort", "peak_position", "peak_heading", "chatter")
+SHOWN = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
 
 
 def comparison(before: Judged, after: Judged, metrics: Sequence[str]) -> str:
     """Before, after and their ratio, as a Markdown table."""
     rows = []
     for name in metrics:
-        cells = [name, unit(name)]
+        cells = [name, METRICS[name].unit]
         for old, new in ((before.mean[name], after.mean[name]), (before.worst[name], after.worst[name])):
             cells += [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
         rows.append(cells)
@@ -60,7 +60,7 @@ def standings(findings: Findings) -> str:
             [
                 s.requirement.name,
                 kind,
-                f"{s.value:.5g} {unit(s.requirement.metric)}",
+                f"{s.value:.5g} {METRICS[s.requirement.metric].unit}",
                 f"{s.level:.4f}",
                 state,
                 price,
@@ -100,7 +100,7 @@ def rounds(rows: Sequence[Round]) -> str:
     """`[best, worst found]` of each round, for every metric."""
     return grid(
         ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"],
-        [[r.round, r.metric, unit(r.metric), r.best, r.worst_found] for r in rows],
+        [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows],
     )
 
 
@@ -109,7 +109,8 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     posed, run, p = outcome.posed, outcome.run, outcome.progress
     config, objective, free = posed.config, posed.tuner.objective, posed.tuner.free
     settings, before, after = config.tune, verdict.before, verdict.after
-    own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *sorted(OF_DELIVERED))
+    delivered = sorted(name for name, row in METRICS.items() if row.delivered)
+    own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *delivered)
     known = metrics_of(config.scenario.plant)
     shown = tuple(name for name in dict.fromkeys([*own, *objective.names]) if name in known)
     met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)

@@ -16,7 +16,7 @@ SWEEP = [
     "sweep.integrator=euler",
     "sweep.shard=256",
     "sweep.radius=false",
-    'sweep.metrics=["rmse", "settling_time"]',
+    'sweep.metrics=["total_rmse", "longest_settling_time"]',
     "tune.search.scouts=16",
 ]
 RANDOM = ("--ensemble", "--samples", "16000")  # 63 shards
@@ -188,7 +188,7 @@ def test_a_lost_process_ends_the_other_and_the_run_goes_on_to_the_same_result(al
 def test_a_vehicle_of_a_sweep_is_rolled_out_again(undisturbed, tmp_path):
     found, folder = undisturbed
     listed = json.loads((folder / "findings.json").read_text())["configured"]["worst"]
-    values = found.metrics["rmse"][0]
+    values = found.metrics["total_rmse"][0]
     assert listed == np.argsort(-values, kind="stable")[:10].tolist()
     timing = ["simulate.dt=0.01", "simulate.integrator=euler"]
     out = tmp_path / "again"

@@ -58,7 +58,7 @@ def config_of(*over, law=LAW, **sweep):
             controller=law,
             simulate=Simulate(horizon=0.5),
             tune=Tune(search=Search(scouts=32, starts=3, iterations=6)),
-            sweep=Sweep(over=over, metrics=("rmse",), integrator="euler", **sweep),
+            sweep=Sweep(over=over, metrics=("total_rmse",), integrator="euler", **sweep),
         )
     )
 
@@ -166,7 +166,7 @@ def manifest_of(config, plan):
         {"configured": "its gains"},
         plan.size,
         config.sweep.shard,
-        metrics={"rmse": "m, rad"},
+        metrics={"total_rmse": "m, rad"},
         leaves={name: plan.unit(name) for name in plan.names},
     )
 
@@ -267,7 +267,7 @@ def test_the_failure_probability_of_a_loop_is_that_which_can_be_computed():
     rest = 0.5**2 + 2 * 0.1**2 + 0.1**2  # y, velocity and heading at the start
     truth = 1 - np.sqrt(Scenario().limit ** 2 - rest) / 2000.0
     made = work.judges(config, plan, [config.controller], 400)[0](plan.values(0, 400))
-    found = made_up(plan, {"rmse": made["rmse"]}, np.asarray(made["ok"]))
+    found = made_up(plan, {"total_rmse": made["total_rmse"]}, np.asarray(made["ok"]))
     (seen,) = findings.failures(found, findings.failed(found, {}))
     assert seen.low <= truth <= seen.high and seen.diverged == seen.failed
     assert seen.high - seen.low < 0.11  # as wide as 400 draws make it
@@ -275,20 +275,22 @@ def test_the_failure_probability_of_a_loop_is_that_which_can_be_computed():
 
 def test_a_run_fails_beyond_its_bound_and_where_it_has_no_value():
     plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 5)}))
-    found = made_up(plan, {"rmse": [1.0, 2.0, np.nan, 3.0, np.inf]}, np.array([True, True, True, False, True]))
-    assert findings.failed(found, {"rmse": 1.5}).tolist() == [[False, True, True, True, True]]
-    bounds = findings.absolute({"rmse": Bound(value=2.0), "effort": Bound(value=9.0, absolute=True)}, {"rmse": 0.7})
-    assert bounds == {"rmse": 1.4, "effort": 9.0}
+    found = made_up(plan, {"total_rmse": [1.0, 2.0, np.nan, 3.0, np.inf]}, np.array([True, True, True, False, True]))
+    assert findings.failed(found, {"total_rmse": 1.5}).tolist() == [[False, True, True, True, True]]
+    bounds = findings.absolute(
+        {"total_rmse": Bound(value=2.0), "effort": Bound(value=9.0, absolute=True)}, {"total_rmse": 0.7}
+    )
+    assert bounds == {"total_rmse": 1.4, "effort": 9.0}
     assert findings.worst(np.array([1.0, np.inf, 3.0, 3.0]), 3).tolist() == [1, 2, 3]
 
 
 def test_a_cut_shows_median_band_and_worst_over_all_else():
     plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, {LEFT: Span(Between(0.0, 1.0), 101)}))
-    found = made_up(plan, {"rmse": np.r_[np.arange(101.0), 1000 + np.arange(101.0)]})
-    at, rows = findings.cut(found, found.metrics["rmse"][0], 0, plan.shares(0, plan.size))
+    found = made_up(plan, {"total_rmse": np.r_[np.arange(101.0), 1000 + np.arange(101.0)]})
+    at, rows = findings.cut(found, found.metrics["total_rmse"][0], 0, plan.shares(0, plan.size))
     np.testing.assert_array_equal(at, [0.0, 1.0])
     np.testing.assert_array_equal(rows, [[5, 50, 95, 100], [1005, 1050, 1095, 1100]])
-    at, rows = findings.cut(found, found.metrics["rmse"][0], 1, plan.shares(0, plan.size))
+    at, rows = findings.cut(found, found.metrics["total_rmse"][0], 1, plan.shares(0, plan.size))
     np.testing.assert_array_equal(rows[:, 3], 1000 + np.arange(101.0))
 
 
@@ -325,7 +327,7 @@ def test_an_infinite_metric_has_no_sensitivities():
     plan, _ = of_angles("saltelli", 16)
     values = np.ones(plan.size)
     values[3] = np.inf
-    assert findings.sensitivity(made_up(plan, {"rmse": values}), values) == []
+    assert findings.sensitivity(made_up(plan, {"total_rmse": values}), values) == []
 
 
 # ------------------------------------------------------------------------------------------------------------- radius
@@ -368,8 +370,8 @@ def test_the_radius_is_that_of_a_dense_grid():
 def test_where_nothing_fails_the_radius_is_the_whole_box():
     config = config_of({RIGHT: Span(Times(0.9, 1.1))}, samples=2)
     plan = design(config)
-    seeker = radius.adversary(config, plan, {"rmse": 1e6})
-    seen = radius.radius(made_up(plan, {"rmse": np.zeros(2)}), np.zeros(2, bool), config.controller, seeker)
+    seeker = radius.adversary(config, plan, {"total_rmse": 1e6})
+    seen = radius.radius(made_up(plan, {"total_rmse": np.zeros(2)}), np.zeros(2, bool), config.controller, seeker)
     assert seen.radius == 1.0 and seen.failure is None
     np.testing.assert_allclose(seen.ends[RIGHT], [0.45, 0.55])
 
@@ -403,9 +405,9 @@ def test_sensitivity_designs_stay_off_the_ends_of_a_distribution():
 def test_a_failure_beyond_the_ends_of_a_distribution_does_not_widen_the_box():
     config = config_of({"start.heading": Span(Distribution("norm", {"loc": 0.1, "scale": 0.1}))}, samples=4)
     plan = design(config)
-    found = made_up(plan, {"rmse": np.zeros(4)})
+    found = made_up(plan, {"total_rmse": np.zeros(4)})
     found.leaves["start.heading"][:] = [0.1, 0.2, 0.9, 0.0]  # the box ends at 3.09 standard deviations, .41
-    seeker = radius.adversary(config, plan, {"rmse": 1e6})
+    seeker = radius.adversary(config, plan, {"total_rmse": 1e6})
     seen = radius.radius(found, np.array([False, False, True, False]), config.controller, seeker)
     assert seen.radius == 1.0 and seen.failure is None
 
@@ -414,8 +416,8 @@ def test_where_every_neighbour_fails_the_radius_is_nothing():
     config = config_of({"start.heading": Span(Between(-1.0, 1.2))}, samples=4)
     plan = design(config)
     nominal = agvjax.evaluate(config.controller, Scenario(), **STEPS)
-    seeker = radius.adversary(config, plan, {"rmse": float(nominal.total_rmse) * (1 + 1e-9)})
-    seen = radius.radius(made_up(plan, {"rmse": np.zeros(4)}), np.zeros(4, bool), config.controller, seeker)
+    seeker = radius.adversary(config, plan, {"total_rmse": float(nominal.total_rmse) * (1 + 1e-9)})
+    seen = radius.radius(made_up(plan, {"total_rmse": np.zeros(4)}), np.zeros(4, bool), config.controller, seeker)
     assert seen.radius < radius.LEAST and 0 < seen.failure < 2 * radius.LEAST
 
 
@@ -425,17 +427,19 @@ def test_maps_need_two_axes_with_more_than_one_point():
     which = np.array([[True, False, False, False, True, True]])
     for over, maps in ((three, 2), (three[:2], 0)):
         plan = design(config_of(*over))
-        found = made_up(plan, {"rmse": np.arange(1.0, plan.size + 1)})
-        drawn = figures.every(found, {"rmse": 2.0}, which[:, : plan.size], {})
+        found = made_up(plan, {"total_rmse": np.arange(1.0, plan.size + 1)})
+        drawn = figures.every(found, {"total_rmse": 2.0}, which[:, : plan.size], {})
         assert sum(name.startswith("map") for name in drawn) == maps and "cuts" in drawn
-    picture = figures._on_map(made_up(design(config_of(*three)), {"rmse": np.arange(6.0)}), np.arange(6.0), np.max)
+    picture = figures._on_map(
+        made_up(design(config_of(*three)), {"total_rmse": np.arange(6.0)}), np.arange(6.0), np.max
+    )
     np.testing.assert_array_equal(picture, [[0, 1, 2], [3, 4, 5]])
 
 
 def test_a_bound_relative_to_nothing_is_refused():
-    config = config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, fails={"settling_time": Bound(value=1.5)})
+    config = config_of({RIGHT: Span(Between(0.0, 1.0), 2)}, fails={"longest_settling_time": Bound(value=1.5)})
     judges = work.judges(config, design(config), [config.controller], 2)
-    with pytest.raises(agvjax.InputError, match="sweep.fails.settling_time = 1.5: must be absolute"):
+    with pytest.raises(agvjax.InputError, match="sweep.fails.longest_settling_time = 1.5: must be absolute"):
         verdict.bounds_of(config, design(config), judges[0], 2)  # half a second is too short to settle
 
 
@@ -445,8 +449,8 @@ def test_a_sweep_in_python_goes_on_where_it_ended_and_refuses_another(tmp_path):
     path = shards.path_of(tmp_path / "sweep", 2)
     path.unlink()
     again = work.run_sweep(config, tmp_path / "sweep")
-    np.testing.assert_array_equal(again.metrics["rmse"], first.metrics["rmse"])
-    assert first.grid("rmse").shape == (1, 5, 1)
+    np.testing.assert_array_equal(again.metrics["total_rmse"], first.metrics["total_rmse"])
+    assert first.grid("total_rmse").shape == (1, 5, 1)
     with pytest.raises(ValueError, match="another sweep"):
         work.run_sweep(dataclasses.replace(config, seed=1), tmp_path / "sweep")
 
@@ -461,16 +465,16 @@ def test_the_tables_of_other_tools_hold_the_same_numbers(tmp_path):
     )
     plan = design(config)
     made = manifest_of(config, plan)
-    found = made_up(plan, {"rmse": np.arange(6.0)})._replace(manifest=made)
+    found = made_up(plan, {"total_rmse": np.arange(6.0)})._replace(manifest=made)
     found.to_netcdf(tmp_path / "results.nc")
     with xarray.open_dataset(tmp_path / "results.nc", engine="h5netcdf") as data:
         assert dict(data.sizes) == {"controller": 1, RIGHT: 2, "sample": 3, "start.position_element": 2}
-        assert data["rmse"].attrs["units"] == "m, rad" and data["start.position"].attrs["units"] == "m"
-        np.testing.assert_array_equal(data["rmse"][0], [[0, 1, 2], [3, 4, 5]])
+        assert data["total_rmse"].attrs["units"] == "m, rad" and data["start.position"].attrs["units"] == "m"
+        np.testing.assert_array_equal(data["total_rmse"][0], [[0, 1, 2], [3, 4, 5]])
         np.testing.assert_allclose(data[LEFT], [0.1, 0.3])
         np.testing.assert_array_equal(data["start.position"], plan.values(0, 3)["start.position"])
     found.to_parquet(tmp_path / "results.parquet")
     table = parquet.read_table(tmp_path / "results.parquet")
     assert table.num_rows == 6 and "start.position[1]" in table.column_names
-    np.testing.assert_array_equal(table["rmse"], np.arange(6.0))
+    np.testing.assert_array_equal(table["total_rmse"], np.arange(6.0))
     np.testing.assert_allclose(table[RIGHT], [0, 0, 0, 1, 1, 1])

@@ -182,13 +182,13 @@ def test_several_starts_go_as_one_batch_and_the_best_is_taken():
 
 @pytest.mark.slow
 def test_hard_limits_are_met_or_said_with_their_conflict():
-    limits = {"effort_heading": Limit(mean=0.8, worst=0.8), "rmse_heading": Limit(mean=0.9)}
-    outcome, over = tuned(problem(limits=limits, goals={"rmse": Weights(mean=1.0)}, iterations=60))
+    limits = {"rms_command_heading": Limit(mean=0.8, worst=0.8), "rmse_heading": Limit(mean=0.9)}
+    outcome, over = tuned(problem(limits=limits, goals={"total_rmse": Weights(mean=1.0)}, iterations=60))
     assert over and any("above its limit" in line for line in over)
     names = {r.name for r, _, price in conflict_of(outcome) if price > 1e-6}
-    assert {"mean rmse_heading", "mean effort_heading"} <= names or {
+    assert {"mean rmse_heading", "mean rms_command_heading"} <= names or {
         "mean rmse_heading",
-        "worst effort_heading",
+        "worst rms_command_heading",
     } <= names
 
 
@@ -207,7 +207,7 @@ def conflict_of(outcome):
     ],
 )
 def test_goals_of_every_kind_go_down_within_absolute_limits(goal):
-    metric = {"rmse": Weights(**goal)}
+    metric = {"total_rmse": Weights(**goal)}
     start = problem(goals=metric, limits={})
     peak = float(judged(start, start.controller, pose(start).tuner.batch).peak_heading.max())
     limits = {"peak_heading": Limit(worst=1.05 * peak, absolute=True)}
@@ -220,7 +220,7 @@ def test_goals_of_every_kind_go_down_within_absolute_limits(goal):
 @pytest.mark.slow
 def test_a_settling_time_can_be_asked_for():
     law = NeuroBackstepping(Lam_psi=40.0)
-    config = problem(law, goals={"effort_heading": Weights(mean=1.0)}, limits={}, iterations=40)
+    config = problem(law, goals={"rms_command_heading": Weights(mean=1.0)}, limits={}, iterations=40)
     config = dataclasses.replace(config, simulate=dataclasses.replace(config.simulate, horizon=4.0))
     first = judged(config, config.controller, pose(config).tuner.batch).settling_time[:, 2]
     assert np.all(np.isfinite(first))

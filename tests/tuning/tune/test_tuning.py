@@ -244,7 +244,7 @@ def test_draws_are_the_same_at_either_precision():
 VALUES = jnp.array([[1.0, 3.0, jnp.inf], [4.0, 6.0, jnp.inf]])  # goal, limited; the third run diverged
 OK = jnp.array([True, True, False])
 REFERENCE = np.array([[2.0, 4.0], [5.0, 8.0], [5.0, 8.0]])  # mean, worst and worst tail of either metric
-GOALS = (Requirement("rmse", "mean", 1.0), Requirement("rmse", "worst", 0.3))
+GOALS = (Requirement("total_rmse", "mean", 1.0), Requirement("total_rmse", "worst", 0.3))
 OBJECTIVE = Objective(GOALS, within({"effort": 1.1}), penalty=3.0, latched=10.0)
 
 
@@ -283,7 +283,7 @@ def test_the_mean_of_the_worst_tail_by_hand():
     values, ok, reference = jnp.array([[4.0, 1.0, 3.0, 2.0]]), jnp.ones(4, bool), np.ones((3, 1))
 
     def tail(share, weights=None):
-        goals = (Requirement("rmse", "cvar", 1.0),)
+        goals = (Requirement("total_rmse", "cvar", 1.0),)
         return float(Objective(goals, (), tail=share, weights=weights).levels(values, ok, reference)[0])
 
     # 4; 4 and half of 3 of 1.5 scenarios; the mean of all; without weight a scenario is not there
@@ -346,8 +346,10 @@ def test_the_metrics_are_those_of_the_task():
         "chatter": np.arange(3.0),
     }
     metrics = agvjax.Metrics(**{**fields, **changed, "ok": jnp.array(True)})
-    objective = Objective(limits=within(dict.fromkeys(("effort", "peak_position", "peak_heading", "chatter"), 1.0)))
-    assert objective.names == ("rmse", "effort", "peak_position", "peak_heading", "chatter")
+    objective = Objective(
+        limits=within(dict.fromkeys(("effort", "peak_position", "peak_heading", "total_chatter"), 1.0))
+    )
+    assert objective.names == ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
     np.testing.assert_allclose(objective.values(metrics)[0], [1.3, 7.0, 9.0, 11.0, 3.0], rtol=1e-14)
 
 
@@ -551,7 +553,11 @@ def test_a_checkpoint_keeps_every_start_and_what_was_found(small, solved, tmp_pa
     added = {"start.position": np.arange(4.0).reshape(2, 2), "start.heading": np.array([0.1, 0.2])}
     other = solved._replace(z=solved.z + 1, iteration=3)
     whole = Run(
-        2, (solved, other), added, (Round(0, "rmse", 0.1, np.inf), Round(1, "rmse", 0.1, 0.2)), ((0.0, 0.0, 1.5),)
+        2,
+        (solved, other),
+        added,
+        (Round(0, "total_rmse", 0.1, np.inf), Round(1, "total_rmse", 0.1, 0.2)),
+        ((0.0, 0.0, 1.5),),
     )
     save(tmp_path, whole)
     back = load(tmp_path, alone(small.begin()))

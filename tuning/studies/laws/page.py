@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 import agvjax
 from agvjax.leaves import get
-from agvjax.metric_table import METRICS
 
 from ...io import files
 from ...io.pages import grid, html
@@ -29,7 +28,7 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, A
         row |= {"refused": tuned.refused, "starts_left_out": tuned.left_out}
         for label, metrics in (("before", tuned.metrics_before), ("after", tuned.metrics)):
             ok = np.asarray(metrics.ok)
-            rmse = np.asarray(METRICS["rmse"](metrics))[ok]
+            rmse = np.asarray(metrics.total_rmse)[ok]
             row |= {f"mean_{label}": rmse.mean(), f"worst_{label}": rmse.max(), f"diverged_{label}": int((~ok).sum())}
         objective = comparison.objective
         use = np.asarray(objective.levels(*objective.values(tuned.metrics), comparison.budget))[len(objective.goals) :]
@@ -93,7 +92,7 @@ def figure(found: Mapping[str, Tuned], made: list[dict[str, Any]]) -> Figure:
         values = []
         for row in made:
             metrics = found[row["law"]].metrics if side else found[row["law"]].metrics_before
-            values.append(np.asarray(METRICS["rmse"](metrics))[np.asarray(metrics.ok)])
+            values.append(np.asarray(metrics.total_rmse)[np.asarray(metrics.ok)])
         places = np.arange(len(made)) + (0.2 if side else -0.2)
         style = {"facecolor": color, "hatch": hatch}
         boxes = axes.boxplot(values, positions=places, widths=0.35, whis=(0, 100), patch_artist=True, boxprops=style)

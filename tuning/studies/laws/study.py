@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import AXES
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
@@ -20,7 +21,8 @@ from ...tune.problem import requirements
 from ...tune.tuner import SEQUENTIAL, Tuner
 from ..paper.cases import WORKERS, matched
 
-BUDGET = tuple(f"{kind}_{channel}" for kind in ("effort", "peak", "chatter") for channel in ("x", "y", "heading"))
+PEAKS = ("peak_command_x", "peak_command_y", "peak_heading")
+BUDGET = (*(f"rms_command_{axis}" for axis in AXES), *PEAKS, *(f"chatter_{axis}" for axis in AXES))
 STARTS = (10.0, 20.0)  # 1/s, bandwidths to start from besides the law's own gains
 
 

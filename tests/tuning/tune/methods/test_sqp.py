@@ -8,7 +8,7 @@ from scipy.optimize import LinearConstraint, linprog, minimize
 from tuning import Objective, Requirement, within
 from tuning.tune.methods import sqp
 
-MEAN, WORST = (Requirement("rmse", "mean", 1.0),), (Requirement("rmse", "worst", 1.0),)
+MEAN, WORST = (Requirement("total_rmse", "mean", 1.0),), (Requirement("total_rmse", "worst", 1.0),)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -78,7 +78,9 @@ def test_it_learns_what_is_curved():
 def test_its_model_is_the_linear_programme_that_scipy_solves(statistic):
     random = np.random.default_rng(3)
     values, slopes = 1 + random.random((2, 7)), random.normal(size=(3, 2, 7))
-    objective = Objective((Requirement("rmse", statistic, 2.0),), (Requirement("effort", statistic, 1.2),), tail=0.3)
+    objective = Objective(
+        (Requirement("total_rmse", statistic, 2.0),), (Requirement("effort", statistic, 1.2),), tail=0.3
+    )
     found = sqp.solve((values, np.ones(7, bool), slopes), objective, np.ones((3, 2)), radius=0.2)
 
     def cost(d):
@@ -159,16 +161,16 @@ def test_limits_that_cannot_be_kept_end_where_the_excess_is_least():
     def model(z):
         return np.array([[z[0] ** 2], [z[0]], [1 / z[0]]]), np.array([[[2 * z[0]], [1.0], [-1 / z[0] ** 2]]])
 
-    limits = (Requirement("effort", "mean", 0.5), Requirement("chatter", "mean", 0.5))
+    limits = (Requirement("effort", "mean", 0.5), Requirement("total_chatter", "mean", 0.5))
     state, _ = descend(model, (0.7,), Objective(MEAN, limits))
     np.testing.assert_allclose(state.center, [1.0], atol=2e-2)
     assert state.penalty >= sqp.DEAREST and state.over > 1.9
 
 
 def test_limits_on_mean_and_worst_are_two():
-    assert [r.name for r in within({"effort": 1.0, "chatter": 2.0})] == [
+    assert [r.name for r in within({"effort": 1.0, "total_chatter": 2.0})] == [
         "mean effort",
-        "mean chatter",
+        "mean total_chatter",
         "worst effort",
-        "worst chatter",
+        "worst total_chatter",
     ]
