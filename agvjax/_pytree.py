@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 T = TypeVar("T")
 Real = float | Float[Array, ""]  # a number of an object: as a person writes it, or traced
+Numbers = Array | np.ndarray  # several
 
 
 class Rule(NamedTuple):

@@ -1,21 +1,19 @@
 """Lumped disturbances delta_x, delta_y, delta_psi, eq. (10) and section 4.
 
-A disturbance is anything with `__call__(t) -> (3,)` in m/s^2, m/s^2, rad/s. Those below also split into a time-only
-`shape(t)`, which the rollout tabulates outside its loop, and `scale(shape)`, which it applies inside, so that a batch
-of amplitudes costs one multiplication.
+Most split into a time-only `shape(t)`, which the rollout tabulates outside its loop, and `scale(shape)`, which it
+applies inside, so that a batch of amplitudes costs one multiplication.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._pytree import ANY, NONNEGATIVE, Rule, number, pytree, structure
+from ._pytree import ANY, NONNEGATIVE, Numbers, Real, Rule, number, pytree, structure
 from .hashed import uniform
 from .protocols import Disturbance
 
@@ -33,25 +31,31 @@ class NoDisturbance(Disturbance):
         return jnp.zeros(3, t.dtype)
 
 
-class _Scaled(Disturbance):
-    """What disturbances that split share; each brings its own `shape`."""
-
-    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
-        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
-        return jnp.broadcast_to(self.amplitude * shape, (3,))  # pyright: ignore[reportAttributeAccessIssue]
+class Split(Disturbance):
+    """A disturbance written as a time-only `shape` and its `scale`."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """Disturbance at time `t` [s] in the x, y and heading channels, shape (3,)."""
-        return self.scale(self.shape(t))  # pyright: ignore[reportAttributeAccessIssue]
+        return self.scale(self.shape(t))
+
+
+class Scaled(Split):
+    """A shape times an amplitude."""
+
+    amplitude: Real
+
+    def scale(self, shape: Float[Array, "*n"]) -> Float[Array, "3"]:
+        """The amplitude (one for all channels, or one each) times the shape, as (3,)."""
+        return jnp.broadcast_to(self.amplitude * shape, (3,))
 
 
 @pytree
-class Cosine(_Scaled):
+class Cosine(Scaled):
     """Section 4: amplitude * cos(omega t + phase)."""
 
-    amplitude: float = number(0.2, UNIT, ANY, "sec. 4", shape=(3,))
-    omega: float = number(0.5, "rad/s", NONNEGATIVE, "sec. 4", shape=(3,))
-    phase: float = number(0.0, "rad", ANY, shape=(3,))
+    amplitude: Real = number(0.2, UNIT, ANY, "sec. 4", shape=(3,))
+    omega: Real = number(0.5, "rad/s", NONNEGATIVE, "sec. 4", shape=(3,))
+    phase: Real = number(0.0, "rad", ANY, shape=(3,))
 
     def shape(self, t: Float[Array, ""]) -> Float[Array, "*n"]:
         """cos(omega t + phase)."""
@@ -59,14 +63,14 @@ class Cosine(_Scaled):
 
 
 @pytree
-class Step(_Scaled):
+class Step(Scaled):
     """0 before `time`, the amplitude from then on."""
 
-    amplitude: float = number(0.2, UNIT, ANY, shape=(3,))
-    time: float = number(4.0, "s", ANY)
+    amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))
+    time: Real = number(4.0, "s", ANY)
 
     def shape(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """0 or 1."""
+        """0 before the step, 1 after it."""
         return jnp.where(t >= self.time, jnp.ones_like(t), 0.0)
 
     def nearest_jump(self, t: Float[Array, ""]) -> Float[Array, ""]:
@@ -75,7 +79,7 @@ class Step(_Scaled):
 
 
 @pytree
-class CosineSum(_Scaled):
+class CosineSum(Split):
     """A sum of M cosines, the same in all three channels."""
 
     amplitudes: Float[Array, " M"] = number((0.1, 0.1), UNIT, ANY, shape=(None,))
@@ -95,24 +99,20 @@ class CosineSum(_Scaled):
 class Tone:
     """What pushes in one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase)."""
 
-    constant: float = number(0.0, CHANNEL_UNIT, ANY)
-    cosine: float = number(0.0, CHANNEL_UNIT, ANY)
-    sine: float = number(0.0, CHANNEL_UNIT, ANY)
+    constant: Real = number(0.0, CHANNEL_UNIT, ANY)
+    cosine: Real = number(0.0, CHANNEL_UNIT, ANY)
+    sine: Real = number(0.0, CHANNEL_UNIT, ANY)
 
 
 @pytree
-class Harmonic(Disturbance):
+class Harmonic(Split):
     """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log."""
 
     x: Tone = Tone()
     y: Tone = Tone()
     heading: Tone = Tone()
-    omega: float = number(0.5, "rad/s", NONNEGATIVE)
-    phase: float = number(0.0, "rad", ANY)
-
-    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
-        """Disturbance at time `t` [s] in the x, y and heading channels, shape (3,)."""
-        return self.scale(self.shape(t))
+    omega: Real = number(0.5, "rad/s", NONNEGATIVE)
+    phase: Real = number(0.0, "rad", ANY)
 
     def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """1, cosine and sine, shape (3,)."""
@@ -126,17 +126,17 @@ class Harmonic(Disturbance):
 
 
 @pytree
-class BandLimitedNoise(_Scaled):
+class BandLimitedNoise(Scaled):
     """Noise between two frequencies, a pure function of time; `amplitude` is its root mean square over a long time.
 
     The sum of `terms` cosines in each channel, one in each of as many equal parts of the band. Where in its part, and
     with which phase, is drawn by a hash of the seed: the channels are uncorrelated, and nothing repeats soon.
     """
 
-    amplitude: float = number(0.2, UNIT, ANY, shape=(3,))
-    low: float = number(1.0, "rad/s", NONNEGATIVE)
-    high: float = number(10.0, "rad/s", NONNEGATIVE)
-    seed: float = number(0.0, "1", NONNEGATIVE)
+    amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))
+    low: Real = number(1.0, "rad/s", NONNEGATIVE)
+    high: Real = number(10.0, "rad/s", NONNEGATIVE)
+    seed: Real = number(0.0, "1", NONNEGATIVE)
     terms: int = structure(32)
 
     def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -148,12 +148,12 @@ class BandLimitedNoise(_Scaled):
 
 
 @pytree
-class Recorded(_Scaled):
+class Recorded(Scaled):
     """A record: linear between its samples, before the first and after the last what they are."""
 
-    times: Any = number((0.0, 1.0), "s", INCREASING, shape=(None,))  # (N,)
-    values: Any = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))  # (N, 3) m/s^2, m/s^2, rad/s
-    amplitude: float = number(1.0, "1", ANY, shape=(3,))
+    times: Float[Numbers, " N"] = number((0.0, 1.0), "s", INCREASING, shape=(None,))
+    values: Float[Numbers, "N 3"] = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))  # UNIT
+    amplitude: Real = number(1.0, "1", ANY, shape=(3,))
 
     def shape(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """The record at time `t` [s], shape (3,)."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from jaxtyping import Array, Float
 
-from ._pytree import ANY, number, pytree
+from ._pytree import ANY, Real, number, pytree
 
 
 @pytree
@@ -46,4 +46,4 @@ class Start:
 
     position: Float[Array, "2"] = number((-0.5, 0.5), "m", ANY, "sec. 4", shape=(2,))
     velocity: Float[Array, "2"] = number((0.1, 0.1), "m/s", ANY, "sec. 4 (reading R15)", shape=(2,))
-    heading: float = number(0.1, "rad", ANY, "sec. 4")
+    heading: Real = number(0.1, "rad", ANY, "sec. 4")

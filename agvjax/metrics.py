@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
 from .engine import loop
+from .engine.rollout import Meter
 from .geometry import wrap
 from .metric_table import METRICS, safe_sqrt
 from .metric_table import Metrics as Metrics
@@ -54,7 +55,7 @@ class Delivered:
 
 
 @pytree
-class Criteria:
+class Criteria(Meter):
     """How to judge: the settling band, and from when on the late error counts."""
 
     band: float = number(0.05, "m, m, rad; or a fraction of the first error where relative", POSITIVE, "reading R10")
@@ -71,7 +72,7 @@ class Criteria:
         smooth = sloped and any("settling_time" in name for name in names)
         return cls(smooth=smooth, delivered=any(METRICS[name].delivered for name in names))
 
-    def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[Any, Any]:
+    def weights(self, t: Array, left: Array, right: Array, end: Array) -> tuple[Array, Array]:
         """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
         return _trapezoid(t, left, right, 0.0, end), _trapezoid(t, left, right, self.late, end)
 
@@ -106,10 +107,10 @@ class Criteria:
             squared=tally.squared + whole * e2,
             squared_late=tally.squared_late + late * e2,
             absolute=tally.absolute + whole * size,
-            absolute_timed=tally.absolute_timed + whole * sample.time * size,
+            absolute_timed=tally.absolute_timed + whole * sample.t * size,
             beyond=jnp.maximum(tally.beyond, -jnp.sign(tally.first_error) * e),
-            last_outside=jnp.where(size > band, sample.time, tally.last_outside),
-            outside_moment=self._moment(tally.outside_moment, whole, sample.time, size / band),
+            last_outside=jnp.where(size > band, sample.t, tally.last_outside),
+            outside_moment=self._moment(tally.outside_moment, whole, sample.t, size / band),
             command_squared=tally.command_squared + whole * u * u,
             peak=jnp.maximum(tally.peak, jnp.abs(u)),
             chatter=tally.chatter + jnp.abs(u - tally.last_command),
@@ -161,9 +162,7 @@ class Criteria:
 
 def _nothing_delivered(sample: loop.Sample) -> Delivered:
     zero = jnp.zeros_like(sample.delivered)
-    return Delivered(
-        last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.time)
-    )
+    return Delivered(last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.t))
 
 
 def _delivered(tally: Delivered, sample: loop.Sample, weight: Any) -> Delivered:
@@ -205,7 +204,7 @@ def tracking_error(sample: Any) -> Float[Array, " c"]:
     return jnp.concatenate([position, heading[..., None]], axis=-1)
 
 
-def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
+def measure(trajectory: loop.Trajectory, criteria: Criteria | None = None) -> Metrics:
     """Metrics of one trajectory, from its samples.
 
     Raises:
@@ -219,19 +218,7 @@ def measure(trajectory: Any, criteria: Criteria | None = None) -> Metrics:
     between, end = jnp.diff(trajectory.t), trajectory.t[-1]
     steps = jnp.concatenate([between[:1], between, between[-1:]])  # beyond either end nothing has weight
     weights = criteria.weights(trajectory.t, steps[:-1], steps[1:], end)
-    samples = loop.Sample(
-        time=trajectory.t,
-        position=trajectory.position,
-        velocity=trajectory.velocity,
-        heading=trajectory.heading,
-        reference_position=trajectory.reference_position,
-        reference_heading=trajectory.reference_heading,
-        command=trajectory.command,
-        inputs=trajectory.inputs,
-        delivered=trajectory.delivered,
-        limited=trajectory.limited,
-        controller=(),
-    )
+    samples = trajectory.samples()
     tally = criteria.start(jax.tree.map(lambda x: x[0], samples))
     tally, _ = jax.lax.scan(lambda m, row: (criteria.update(m, *row), None), tally, (samples, weights))
     return criteria.finish(tally, trajectory.ok, end)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
-from ._pytree import POSITIVE, number, pytree
+from ._pytree import POSITIVE, Real, number, pytree
 from .disturbance import Cosine
 from .messages import Start
 from .paths.shapes import Dumbbell
@@ -24,16 +25,16 @@ class Scenario:
     """
 
     plant: Plant = Decoupled()
-    deadzone: dict[str, Element] = dataclasses.field(default_factory=lambda: Decoupled().deadzones())
-    actuators: dict[str, Element] = dataclasses.field(default_factory=dict)
+    deadzone: Mapping[str, Element] = dataclasses.field(default_factory=lambda: Decoupled().deadzones())
+    actuators: Mapping[str, Element] = dataclasses.field(default_factory=dict)
     disturbance: Disturbance = Cosine()
     path: Path = Dumbbell()
     heading: Heading | None = None
     sensor: Sensor | None = None
     start: Start = dataclasses.field(default_factory=Start)
-    limit: float = number(1e3, "norm of the vehicle's state", POSITIVE)
+    limit: Real = number(1e3, "norm of the vehicle's state", POSITIVE)
 
     @classmethod
     def of(cls, plant: Plant, **fields: Any) -> Scenario:
-        """The scenario of another plant: with that plant's nominal deadzones, and `fields` as given."""
-        return cls(plant=plant, **({"deadzone": plant.deadzones()} | fields))
+        """The scenario of another plant: with that plant's nominal deadzones, and these `fields`."""
+        return dataclasses.replace(cls(plant=plant, deadzone=plant.deadzones()), **fields)

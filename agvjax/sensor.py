@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._pytree import NONNEGATIVE, number, pytree
+from ._pytree import NONNEGATIVE, Real, number, pytree
 from .messages import Measurement
 from .protocols import Sensor
 
@@ -28,11 +28,11 @@ class Noise(Sensor):
     The numbers depend on the seed and on how many instants there were, on nothing else.
     """
 
-    position: float = number(2e-3, "m", NONNEGATIVE)
-    velocity: float = number(4e-3, "m/s", NONNEGATIVE)
-    heading: float = number(0.0, "rad", NONNEGATIVE)
-    yaw_rate: float = number(0.0, "rad/s", NONNEGATIVE)
-    seed: float = number(0.0, "1", NONNEGATIVE)
+    position: Real = number(2e-3, "m", NONNEGATIVE)
+    velocity: Real = number(4e-3, "m/s", NONNEGATIVE)
+    heading: Real = number(0.0, "rad", NONNEGATIVE)
+    yaw_rate: Real = number(0.0, "rad/s", NONNEGATIVE)
+    seed: Real = number(0.0, "1", NONNEGATIVE)
 
     def hold(self, measurement: Measurement) -> NoiseMemory:
         """The numbers of the first control instant."""

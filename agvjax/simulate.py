@@ -3,37 +3,18 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jax.typing import DTypeLike
 
-from ._pytree import pytree
-from .engine.rollout import NoMeter, Rollout
+from ._pytree import Real
+from .engine.loop import Trajectory
+from .engine.rollout import Meter, Rollout
 from .integrate import RK4, Integrator
 from .protocols import Law
 from .scenario import Scenario
 from .timing import DT, N_STEPS, Timing
-
-
-@pytree
-class Trajectory:
-    """N + 1 samples of one run, N = n_steps / save_every; m is the plant's number of actuators."""
-
-    t: Float[Array, " N+1"]  # s
-    position: Float[Array, "N+1 2"]  # m, reference point (x_n, y_n)
-    velocity: Float[Array, "N+1 2"]  # m/s
-    heading: Float[Array, " N+1"]  # rad
-    reference_position: Float[Array, "N+1 2"]  # m
-    reference_heading: Float[Array, " N+1"]  # rad
-    command: Float[Array, "N+1 c"]  # u_x, u_y [m/s^2], and omega_bar [rad/s] where the plant's heading is commanded
-    inputs: Float[Array, "N+1 m"]  # what the actuators were asked for
-    delivered: Float[Array, "N+1 m"]  # what they delivered
-    limited: Bool[Array, " N+1"]  # whether an actuator, or the controller's own limit, was at its limit
-    controller: Any  # continuous state of the law, each leaf with a leading N+1
-    weight_norm: Float[Array, "N+1 2"] | None  # position and heading, where the law adapts one
-    ok: Bool[Array, ""]  # False: the state left `scenario.limit` and was latched
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator", "dtype"))
@@ -41,12 +22,12 @@ def simulate(
     controller: Law,
     scenario: Scenario,
     *,
-    dt: Any = DT,
+    dt: Real = DT,
     n_steps: int = N_STEPS,
     save_every: int = 1,
     control_every: int = 1,
     integrator: Integrator = RK4,
-    dtype: Any = None,
+    dtype: DTypeLike | None = None,
 ) -> Trajectory:
     """Roll one vehicle out: section 4 by default, 12 s in steps of 1 ms (reading R10).
 
@@ -76,23 +57,9 @@ def simulate(
         scenario,
         timing=Timing(dt=dt, n_steps=n_steps, control_every=control_every, integrator=integrator),
         dtype=dtype,
-        meter=NoMeter(),
+        meter=Meter(),
     )
     carry, samples, last = rollout.run(save_every)
     samples = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), samples, last)
-    norms = jax.vmap(lambda _, state: controller.weight_norms(state))(samples.time, samples.controller)
-    return Trajectory(
-        t=samples.time,
-        position=samples.position,
-        velocity=samples.velocity,
-        heading=samples.heading,
-        reference_position=samples.reference_position,
-        reference_heading=samples.reference_heading,
-        command=samples.command,
-        inputs=samples.inputs,
-        delivered=samples.delivered,
-        limited=samples.limited,
-        controller=samples.controller,
-        weight_norm=norms,
-        ok=carry.ok,
-    )
+    norms = jax.vmap(lambda _, state: controller.weight_norms(state))(samples.t, samples.controller)
+    return Trajectory(**vars(samples), weight_norm=norms, ok=carry.ok)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..protocols import Element, Reach
 
 
@@ -17,10 +17,10 @@ class Deadzone(Element):
     which eq. (11) does not allow).
     """
 
-    slope_right: float = number(1.0, "1", POSITIVE, "Pi_r, eq. (11)")
-    slope_left: float = number(1.0, "1", POSITIVE, "Pi_l, eq. (11)")
-    threshold_right: float = number(0.0, "unit of the command", NONNEGATIVE, "s_r, eq. (11)")
-    threshold_left: float = number(0.0, "unit of the command", NONNEGATIVE, "s_l, eq. (11), reading R1")
+    slope_right: Real = number(1.0, "1", POSITIVE, "Pi_r, eq. (11)")
+    slope_left: Real = number(1.0, "1", POSITIVE, "Pi_l, eq. (11)")
+    threshold_right: Real = number(0.0, "unit of the command", NONNEGATIVE, "s_r, eq. (11)")
+    threshold_left: Real = number(0.0, "unit of the command", NONNEGATIVE, "s_l, eq. (11), reading R1")
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """Eq. (11). Delivered input, same shape and unit as the command `u`.

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._pytree import ANY, NONNEGATIVE, POSITIVE, number, pytree, structure
+from .._pytree import ANY, NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from ..errors import Fault
 from ..hashed import uniform
 from ..protocols import Element, Reach
@@ -21,8 +21,8 @@ from ..protocols import Element, Reach
 class Saturation(Element):
     """Delivers no more than `upper` and no less than `lower`."""
 
-    upper: float = number(1.0, "unit of the command", ANY)
-    lower: float = number(-1.0, "unit of the command", ANY)
+    upper: Real = number(1.0, "unit of the command", ANY)
+    lower: Real = number(-1.0, "unit of the command", ANY)
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The command, clipped."""
@@ -42,7 +42,7 @@ class Saturation(Element):
 class Quantisation(Element):
     """Rounds to multiples of `step`. Its slope is taken as 1: rounding itself has none (straight-through)."""
 
-    step: float = number(0.01, "unit of the command", POSITIVE)
+    step: Real = number(0.01, "unit of the command", POSITIVE)
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The nearest multiple; at most step / 2 away."""
@@ -57,7 +57,7 @@ class Quantisation(Element):
 class Lag(Element):
     """A first-order lag, at rest at the start."""
 
-    time_constant: float = number(0.05, "s", POSITIVE)
+    time_constant: Real = number(0.05, "s", POSITIVE)
 
     def init(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """At rest."""
@@ -83,7 +83,7 @@ class Backlash(Element):
     Exact where the input is monotonous within a step.
     """
 
-    gap: float = number(0.1, "unit of the command", NONNEGATIVE)
+    gap: Real = number(0.1, "unit of the command", NONNEGATIVE)
 
     def hold(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """The output begins as near to 0 as the gap lets it."""
@@ -118,7 +118,7 @@ class RateLimitMemory:
 class RateLimit(Element):
     """Follows the command no faster than `rate`, from 0 at the start. Over a step it delivers the mean of its ramp."""
 
-    rate: float = number(1.0, "unit of the command per s", POSITIVE)
+    rate: Real = number(1.0, "unit of the command per s", POSITIVE)
 
     def hold(self, u: Float[Array, "*n"]) -> RateLimitMemory:
         """It begins at 0."""
@@ -160,9 +160,9 @@ class Delay(Element):
     gives the delay a slope.
     """
 
-    time: float = number(0.02, "s", NONNEGATIVE)
-    jitter: float = number(0.0, "s", NONNEGATIVE)
-    seed: float = number(0.0, "1", NONNEGATIVE)
+    time: Real = number(0.02, "s", NONNEGATIVE)
+    jitter: Real = number(0.0, "s", NONNEGATIVE)
+    seed: Real = number(0.0, "1", NONNEGATIVE)
     slots: int = structure(3)
 
     def hold(self, u: Float[Array, "*n"]) -> DelayMemory:

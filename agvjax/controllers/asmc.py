@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
 from ..protocols import Law
@@ -27,20 +25,20 @@ class Bounds:
 class ASMC(Law):
     """Adaptive sliding mode, as a class law: no number of the deadzone is known to it."""
 
-    c: float = number(1.0, "1/s", POSITIVE, "ASMC class, sliding surface")
-    k: float = number(3.0, "1/s", POSITIVE, "ASMC class")
-    gT: float = number(0.5, "s^3/m^2", NONNEGATIVE, "ASMC class, adaptation of th")
-    gD: float = number(2.0, "1/s^2", NONNEGATIVE, "ASMC class, adaptation of D")
-    sg: float = number(0.02, "1/s", NONNEGATIVE, "ASMC class, leak of D")
-    eps: float = number(0.05, "m/s", POSITIVE, "ASMC class, boundary layer")
-    kw: float = number(2.0, "1/s", POSITIVE, "ASMC class")
-    gTw: float = number(0.5, "s/rad^2", NONNEGATIVE, "ASMC class")
-    gDw: float = number(3.0, "1/s^2", NONNEGATIVE, "ASMC class")
-    epsw: float = number(0.05, "rad", POSITIVE, "ASMC class")
-    th_start: float = number(1.0, "1", NONNEGATIVE, "ASMC class")
-    th_max: float = number(5.0, "1", POSITIVE, "ASMC class, projection")
+    c: Real = number(1.0, "1/s", POSITIVE, "ASMC class, sliding surface")
+    k: Real = number(3.0, "1/s", POSITIVE, "ASMC class")
+    gT: Real = number(0.5, "s^3/m^2", NONNEGATIVE, "ASMC class, adaptation of th")
+    gD: Real = number(2.0, "1/s^2", NONNEGATIVE, "ASMC class, adaptation of D")
+    sg: Real = number(0.02, "1/s", NONNEGATIVE, "ASMC class, leak of D")
+    eps: Real = number(0.05, "m/s", POSITIVE, "ASMC class, boundary layer")
+    kw: Real = number(2.0, "1/s", POSITIVE, "ASMC class")
+    gTw: Real = number(0.5, "s/rad^2", NONNEGATIVE, "ASMC class")
+    gDw: Real = number(3.0, "1/s^2", NONNEGATIVE, "ASMC class")
+    epsw: Real = number(0.05, "rad", POSITIVE, "ASMC class")
+    th_start: Real = number(1.0, "1", NONNEGATIVE, "ASMC class")
+    th_max: Real = number(5.0, "1", POSITIVE, "ASMC class, projection")
 
-    tunable: ClassVar[tuple[str, ...]] = ("c", "k", "gT", "gD", "sg", "eps", "kw", "gTw", "gDw", "epsw")
+    tunable = ("c", "k", "gT", "gD", "sg", "eps", "kw", "gTw", "gDw", "epsw")
 
     def init(self, measurement: Measurement, reference: Reference) -> Bounds:
         """Bounds at their start."""

@@ -7,19 +7,18 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from ..geometry import wrap
 from ..integrate import largest
 from ..messages import Command, Measurement, Reference
 from ..protocols import Law, Stable
-from .filters import CommandFilter, LiteralFilter, NoFilter
+from .filters import CommandFilter, Filtered, LiteralFilter, NoFilter
 
 
 @pytree
@@ -32,7 +31,7 @@ class BacksteppingState:
     xi2: Float[Array, "2"]  # m/s, eq. (23)
     beta1: Float[Array, "2"]  # m s, integral of Z1, eq. (25)
     beta2: Float[Array, ""]  # rad s, integral of Z3, eq. (57)
-    network: Any  # what is adapted; () without a network
+    network: PyTree  # what is adapted; () without a network
 
 
 @pytree
@@ -43,22 +42,22 @@ class KnownSlopes:
     where neither is, the command is 0.
     """
 
-    right: float = number(1.0, "1", POSITIVE, "eq. (13)")
-    left: float = number(1.0, "1", POSITIVE, "eq. (13)")
+    right: Real = number(1.0, "1", POSITIVE, "eq. (13)")
+    left: Real = number(1.0, "1", POSITIVE, "eq. (13)")
 
 
-def _divided(belief: Any, feedback: Array, rest: Array) -> tuple[Array, Array]:
+def _divided(belief: Real | KnownSlopes, feedback: Array, rest: Array) -> tuple[Array, Real]:
     """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is believed constant or known by sign."""
     if not isinstance(belief, KnownSlopes):
         inverse = 1 / belief  # one reciprocal a gain leaves the hot loop, a division by it would not
         return feedback + rest * inverse, inverse
-    inverse_right, inverse_left = 1 / belief.right, 1 / belief.left  # pyright: ignore[reportOperatorIssue]
+    inverse_right, inverse_left = 1 / belief.right, 1 / belief.left
     right, left = feedback + rest * inverse_right, feedback + rest * inverse_left
     u = jnp.where(right > 0, right, jnp.minimum(left, 0))
     return u, jnp.where(u > 0, inverse_right, inverse_left)
 
 
-def _bounded(alpha1: Array, velocity: Array, limit: Any) -> tuple[Array, Any]:
+def _bounded(alpha1: Array, velocity: Array, limit: Real | None) -> tuple[Array, Bool[Array, ""]]:
     """alpha1 with its correction to the path's velocity no longer than `limit`, and whether it was."""
     if limit is None:
         return alpha1, jnp.zeros((), bool)
@@ -76,21 +75,21 @@ class Backstepping(Law):
     (readings R2, R3): a number, for `Pi_hat` also one per axis with shape (2,), or `KnownSlopes`.
     """
 
-    k1: float = number(20.0, "1/s", POSITIVE, "after eq. (32)")
-    k2: float = number(20.0, "1/s", POSITIVE, "eq. (41)")
-    k3: float = number(12.0, "1/s", POSITIVE, "eq. (63)")
-    Lam: float = number(16.0, "1/s^2", NONNEGATIVE, "after eq. (32)")
-    Lam_psi: float = number(9.0, "1/s^2", NONNEGATIVE, "eq. (63)")
-    omega_n: float = number(90.0, "rad/s", POSITIVE, "eq. (22)")
-    zeta: float = number(0.75, "1", POSITIVE, "eq. (22), reading R6")
-    Pi_hat: Any = number(1.0, "1", POSITIVE, "eqs. (41), (45), readings R2, R3", shape=(2,))
-    Pi_psi_hat: Any = number(1.0, "1", POSITIVE, "eqs. (63), (67), readings R2, R3")
+    k1: Real = number(20.0, "1/s", POSITIVE, "after eq. (32)")
+    k2: Real = number(20.0, "1/s", POSITIVE, "eq. (41)")
+    k3: Real = number(12.0, "1/s", POSITIVE, "eq. (63)")
+    Lam: Real = number(16.0, "1/s^2", NONNEGATIVE, "after eq. (32)")
+    Lam_psi: Real = number(9.0, "1/s^2", NONNEGATIVE, "eq. (63)")
+    omega_n: Real = number(90.0, "rad/s", POSITIVE, "eq. (22)")
+    zeta: Real = number(0.75, "1", POSITIVE, "eq. (22), reading R6")
+    Pi_hat: Real | KnownSlopes = number(1.0, "1", POSITIVE, "eqs. (41), (45), readings R2, R3", shape=(2,))
+    Pi_psi_hat: Real | KnownSlopes = number(1.0, "1", POSITIVE, "eqs. (63), (67), readings R2, R3")
     filter: CommandFilter | LiteralFilter | NoFilter = CommandFilter()
     wrapped: bool = structure(True)  # reading R17: the paper never wraps Z3
 
-    tunable: ClassVar[tuple[str, ...]] = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
-    heading_gains: ClassVar[tuple[str, ...]] = ("k3", "Lam_psi")
-    relieves: ClassVar[bool] = True
+    tunable = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
+    heading_gains = ("k3", "Lam_psi")
+    relieves = True
 
     def init(self, measurement: Measurement, reference: Reference) -> BacksteppingState:
         """The state of a law that starts now: the filter at its input, integrals and compensation at 0."""
@@ -114,8 +113,12 @@ class Backstepping(Law):
     ) -> tuple[Command, BacksteppingState]:
         """Commands before the deadzone, and the derivative of the law's own state."""
         alpha1, alpha1_rate = self._virtual(flow, measurement, reference)
-        phi1_rate, phi2_rate = self.filter(flow.phi1, flow.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta)  # (22)  # pyright: ignore
-        return self._respond(flow, measurement, reference, alpha1, phi1_rate, phi2_rate)
+        moved = self.filter(self._filtered(flow, alpha1, alpha1_rate))  # (22)
+        return self._respond(flow, measurement, reference, alpha1, moved)
+
+    def _filtered(self, s: BacksteppingState, alpha1: Array, alpha1_rate: Array) -> Filtered:
+        """What the command filter works on."""
+        return Filtered(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta)
 
     def _virtual(self, s: BacksteppingState, measurement: Measurement, reference: Reference) -> tuple[Array, Array]:
         """alpha1 and its derivative."""
@@ -129,10 +132,10 @@ class Backstepping(Law):
         measurement: Measurement,
         reference: Reference,
         alpha1: Array,
-        phi1_rate: Array,
-        phi2_rate: Array,
+        filter_rate: tuple[Array, Array],
     ) -> tuple[Command, BacksteppingState]:
-        """The law once the filter's input and its motion are known."""
+        """The law once the filter's input and the derivatives of phi1 and phi2 are known."""
+        phi1_rate, phi2_rate = filter_rate  # (22)
         Z1 = measurement.position - reference.position  # (21)
         Z2 = measurement.velocity - s.phi1  # (21)
         xi1_rate = s.xi2 + (s.phi1 - alpha1) - self.k1 * s.xi1  # (23)
@@ -159,12 +162,12 @@ class Backstepping(Law):
 
     def advance(
         self,
-        s: BacksteppingState,
+        state: BacksteppingState,
         measurement: Measurement,
         reference: Reference,
         period: Real,
         limit: Real | None = None,
-    ) -> tuple[Command, BacksteppingState, Any]:
+    ) -> tuple[Command, BacksteppingState, Bool[Array, ""]]:
         """One period of a digital loop, measurement and reference held over it.
 
         The filter (22), the compensation (23) and the adapted weights (45), (67), all linear in themselves, are stepped
@@ -173,13 +176,14 @@ class Backstepping(Law):
         Returns:
             The command, the state a `period` [s] later, and whether the limit was met.
         """
+        s = state
         alpha1, alpha1_rate = self._virtual(s, measurement, reference)
         alpha1, met = _bounded(alpha1, reference.velocity, limit)
-        moved1, moved2 = self.filter.held(s.phi1, s.phi2, alpha1, alpha1_rate, self.omega_n, self.zeta, period)  # pyright: ignore
-        command, rate = self._respond(s, measurement, reference, alpha1, moved1 / period, moved2)
+        moved1, moved2 = self.filter.over_period(self._filtered(s, alpha1, alpha1_rate), period)
+        command, rate = self._respond(s, measurement, reference, alpha1, (moved1 / period, moved2))
 
-        def faded(state: Any, slope: Any, decay: Any) -> Any:
-            return jax.tree.map(lambda x, dx, k: x - jnp.expm1(-k * period) / k * dx, state, slope, decay)
+        def faded(x: PyTree, slope: PyTree, decay: PyTree) -> PyTree:
+            return jax.tree.map(lambda x, dx, k: x - jnp.expm1(-k * period) / k * dx, x, slope, decay)
 
         later = BacksteppingState(
             phi1=s.phi1 + moved1,
@@ -206,21 +210,21 @@ class Backstepping(Law):
             beta1=jnp.where(limited, before.beta1, later.beta1),
         )
 
-    def decay(self) -> Any:
+    def decay(self) -> PyTree:
         """How fast what is adapted forgets [1/s], a tree like the network's."""
         return ()
 
-    def start_network(self, zero: Float[Array, ""]) -> Any:
+    def start_network(self, zero: Float[Array, ""]) -> PyTree:
         """What is adapted, at its start."""
         return ()
 
-    def network_terms(self, network: Any, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple[Any, Any]:
+    def network_terms(self, network: PyTree, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple[Array, Array]:
         """What the network adds to what U_bar (2,) and omega_bar () must cancel, times the slope."""
         return jnp.zeros_like(Zb2), jnp.zeros_like(Z3)
 
     def adapt(
-        self, network: Any, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Array, inverse_psi: Array
-    ) -> Any:
+        self, network: PyTree, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Real, inverse_psi: Real
+    ) -> PyTree:
         """Derivative of what is adapted; `inverse` and `inverse_psi` are 1 / Pi_hat and 1 / Pi_psi_hat."""
         return ()
 

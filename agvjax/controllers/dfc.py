@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
 from ..protocols import Law
@@ -14,11 +12,11 @@ from ..protocols import Law
 class DFC(Law):
     """Flatness-based control, as a class law: it knows the model and nothing of deadzone or disturbance."""
 
-    kp: float = number(5.0, "1/s^2", POSITIVE, "DFC class")
-    kd: float = number(4.5, "1/s", POSITIVE, "DFC class")
-    kpsi: float = number(5.0, "1/s", POSITIVE, "DFC class")
+    kp: Real = number(5.0, "1/s^2", POSITIVE, "DFC class")
+    kd: Real = number(4.5, "1/s", POSITIVE, "DFC class")
+    kpsi: Real = number(5.0, "1/s", POSITIVE, "DFC class")
 
-    tunable: ClassVar[tuple[str, ...]] = ("kp", "kd", "kpsi")
+    tunable = ("kp", "kd", "kpsi")
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
         """It remembers nothing."""

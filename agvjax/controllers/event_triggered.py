@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..messages import Command, Measurement, Reference
 from ..protocols import Law
 from .neuro_backstepping import NeuroBackstepping
@@ -30,8 +30,8 @@ class EventTriggered(Wrapping):
     """
 
     inner: Law = NeuroBackstepping()
-    delta: float = number(0.1, "1", NONNEGATIVE, "relative threshold")
-    m: float = number(0.1, "m/s^2, m/s^2, rad/s", POSITIVE, "absolute threshold", shape=(3,))
+    delta: Real = number(0.1, "1", NONNEGATIVE, "relative threshold")
+    m: Real = number(0.1, "m/s^2, m/s^2, rad/s", POSITIVE, "absolute threshold", shape=(3,))
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
         """None: when a command is sent jumps with the gains."""

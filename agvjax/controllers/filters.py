@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from .._pytree import pytree
+from .._pytree import Real, pytree
+
+
+class Filtered(NamedTuple):
+    """A command filter's state, its input, and the gains of the law that set it."""
+
+    phi1: Float[Array, "2"]  # m/s
+    phi2: Float[Array, "2"]  # m/s
+    alpha1: Float[Array, "2"]  # m/s, the input
+    alpha1_rate: Float[Array, "2"]  # m/s^2
+    omega_n: Real  # rad/s
+    zeta: Real  # 1
 
 
 @pytree
 class CommandFilter:
     """Eq. (22) as the standard command filter: natural frequency omega_n, damping zeta (reading R5, the default)."""
 
-    def __call__(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
-    ) -> tuple[Array, Array]:
+    def __call__(self, x: Filtered) -> tuple[Array, Array]:
         """Derivatives of phi1 and phi2."""
-        return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n * (phi1 - alpha1)
+        return x.omega_n * x.phi2, -2 * x.zeta * x.omega_n * x.phi2 - x.omega_n * (x.phi1 - x.alpha1)
 
-    def held(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
-    ) -> tuple[Array, Array]:
-        """By how much phi1 and phi2 change over a `period` [s], exactly, for an alpha1 that is held."""
-        return _second_order(phi1, phi2, alpha1, omega_n, omega_n, zeta * omega_n, period)
+    def over_period(self, x: Filtered, period: Real) -> tuple[Array, Array]:
+        """Exact changes of phi1 and phi2 over a `period` [s] in which alpha1 is constant."""
+        return _second_order(x, x.omega_n, period)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """Roots of s^2 + 2 zeta omega_n s + omega_n^2 [1/s]."""
@@ -34,35 +43,31 @@ class CommandFilter:
 class LiteralFilter:
     """Eq. (22) as printed: natural frequency omega_n^1.5, damping zeta / omega_n^0.5 (reading R5, selectable)."""
 
-    def __call__(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
-    ) -> tuple[Array, Array]:
+    def __call__(self, x: Filtered) -> tuple[Array, Array]:
         """Derivatives of phi1 and phi2."""
-        return omega_n * phi2, -2 * zeta * omega_n * phi2 - omega_n**2 * (phi1 - alpha1)
+        return x.omega_n * x.phi2, -2 * x.zeta * x.omega_n * x.phi2 - x.omega_n**2 * (x.phi1 - x.alpha1)
 
-    def held(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
-    ) -> tuple[Array, Array]:
-        """By how much phi1 and phi2 change over a `period` [s], exactly, for an alpha1 that is held."""
-        return _second_order(phi1, phi2, alpha1, omega_n, omega_n**2, zeta * omega_n, period)
+    def over_period(self, x: Filtered, period: Real) -> tuple[Array, Array]:
+        """Exact changes of phi1 and phi2 over a `period` [s] in which alpha1 is constant."""
+        return _second_order(x, x.omega_n**2, period)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
         """Roots of s^2 + 2 zeta omega_n s + omega_n^3 [1/s]."""
         return np.roots([1.0, 2 * zeta * omega_n, omega_n**3])
 
 
-def _second_order(
-    x: Array, y: Array, rest: Array, p: Array, q: Array, decay: Array, period: Array
-) -> tuple[Array, Array]:
-    """How far x and y move in a `period` by x' = p y, y' = -2 decay y - q (x - rest).
+def _second_order(x: Filtered, q: Real, period: Real) -> tuple[Array, Array]:
+    """How far phi1 and phi2 move in a `period`, by phi1' = p phi2, phi2' = -2 decay phi2 - q (phi1 - alpha1).
 
+    With p = omega_n and decay = zeta omega_n:
     M = [[0, p], [-q, -2 decay]] has expm(M T) = e^(-decay T) (C + S T (M + decay)) with C = cos d, S = sin(d) / d and
     d^2 = (p q - decay^2) T^2; hyperbolic where that is negative, and smooth where it is 0, at the damping 1. Written
     for the change alone: a law divides it by T, which would multiply the rounding of a difference.
     """
-    d2 = (p * q - decay**2) * period**2
+    p, decay, y = x.omega_n, x.zeta * x.omega_n, x.phi2
+    d2 = jnp.asarray((p * q - decay**2) * period**2)
     less, S = _cosine_less_one_and_sinc(d2)
-    off, fade, lost = x - rest, jnp.exp(-decay * period), jnp.expm1(-decay * period)
+    off, fade, lost = x.phi1 - x.alpha1, jnp.exp(-decay * period), jnp.expm1(-decay * period)
     stay = less + lost + less * lost  # e^(-decay T) C - 1
     inner, outer = off * decay + p * y, -q * off - decay * y
     return stay * off + fade * S * period * inner, stay * y + fade * S * period * outer
@@ -83,18 +88,14 @@ def _cosine_less_one_and_sinc(d2: Array) -> tuple[Array, Array]:
 class NoFilter:
     """No filter: phi1 is alpha1, its derivative taken exactly. What (22) is there to spare; an ablation."""
 
-    def __call__(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array
-    ) -> tuple[Array, Array]:
+    def __call__(self, x: Filtered) -> tuple[Array, Array]:
         """Derivatives of phi1, which starts at alpha1 and so stays there, and of phi2, which is idle."""
-        return alpha1_rate, jnp.zeros_like(phi2)
+        return x.alpha1_rate, jnp.zeros_like(x.phi2)
 
-    def held(
-        self, phi1: Array, phi2: Array, alpha1: Array, alpha1_rate: Array, omega_n: Array, zeta: Array, period: Array
-    ) -> tuple[Array, Array]:
+    def over_period(self, x: Filtered, period: Real) -> tuple[Array, Array]:
         """From phi1 to where alpha1 will be a `period` [s] later, by its rate."""
-        return alpha1 - phi1 + period * alpha1_rate, jnp.zeros_like(phi2)
+        return x.alpha1 - x.phi1 + period * x.alpha1_rate, jnp.zeros_like(x.phi2)
 
     def poles(self, omega_n: float, zeta: float) -> np.ndarray:
-        """None."""
+        """No poles: nothing is filtered."""
         return np.array([])

@@ -27,8 +27,8 @@ class Oustaloup:
     is to hold, by the decades it takes: from 0.01 to 1000 rad/s the phase of s^0.5 would be wrong by 5 degrees.
     """
 
-    low: float = number(1e-3, "rad/s", POSITIVE, "Oustaloup")
-    high: float = number(3e3, "rad/s", POSITIVE, "Oustaloup")
+    low: Real = number(1e-3, "rad/s", POSITIVE, "Oustaloup")
+    high: Real = number(3e3, "rad/s", POSITIVE, "Oustaloup")
     N: int = structure(4)
 
     def modes(self, order: Real) -> tuple[Array, Array, Array]:
@@ -64,7 +64,7 @@ class FractionalBackstepping(Wrapping):
     """
 
     inner: Law = NeuroBackstepping()
-    lam: float = number(0.8, "1", ORDER, "order of the integral")
+    lam: Real = number(0.8, "1", ORDER, "order of the integral")
     realisation: Oustaloup = Oustaloup()
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import FRACTION, POSITIVE, number, pytree
+from .._pytree import FRACTION, POSITIVE, Real, number, pytree
 from ..geometry import turned, wrap
 from ..messages import Command, Measurement, Reference
 from ..protocols import Law
 
 
-def signed_power(x: Array, exponent: Array) -> Array:
+def signed_power(x: Array, exponent: Real) -> Array:
     """|x|^exponent sign(x), with slope 0 at x = 0, where the true one is infinite."""
     size = jnp.where(x == 0, 1.0, jnp.abs(x))
     return jnp.sign(x) * size**exponent
@@ -23,15 +21,15 @@ def signed_power(x: Array, exponent: Array) -> Array:
 class TerminalSurface:
     """The surface s = e' + a e + b |e|^g sign(e), and what holds the nominal model on it."""
 
-    a: float = number(0.8, "1/s", POSITIVE, "FTSMC class")
-    b: float = number(0.8, "m^(1-g)/s", POSITIVE, "FTSMC class")
-    g: float = number(0.6, "1", FRACTION, "FTSMC class")
-    margin: float = number(0.01, "m", POSITIVE, "FTSMC class, keeps |e|^(g-1) finite")
+    a: Real = number(0.8, "1/s", POSITIVE, "FTSMC class")
+    b: Real = number(0.8, "m^(1-g)/s", POSITIVE, "FTSMC class")
+    g: Real = number(0.6, "1", FRACTION, "FTSMC class")
+    margin: Real = number(0.01, "m", POSITIVE, "FTSMC class, keeps |e|^(g-1) finite")
 
     def __call__(self, measurement: Measurement, reference: Reference) -> tuple[Array, Array]:
         """The surface's s [m/s] and the equivalent command [m/s^2]."""
         e, e_rate = measurement.position - reference.position, measurement.velocity - reference.velocity
-        s = e_rate + self.a * e + self.b * signed_power(e, self.g)  # pyright: ignore[reportArgumentType]
+        s = e_rate + self.a * e + self.b * signed_power(e, self.g)
         steep = self.b * self.g * jnp.maximum(jnp.abs(e), self.margin) ** (self.g - 1)
         F = turned(measurement.velocity, measurement.yaw_rate)
         return s, reference.acceleration - F - self.a * e_rate - steep * e_rate
@@ -41,13 +39,13 @@ class TerminalSurface:
 class FTSMC(TerminalSurface, Law):
     """Finite-time sliding mode, as a class law: it knows the model and nothing of deadzone or disturbance."""
 
-    k1: float = number(1.0, "1/s", POSITIVE, "FTSMC class")
-    k2: float = number(0.8, "m^(1-rho)/s^(2-rho)", POSITIVE, "FTSMC class")
-    rho: float = number(0.6, "1", FRACTION, "FTSMC class")
-    kw1: float = number(2.0, "1/s", POSITIVE, "FTSMC class")
-    kw2: float = number(1.0, "rad^(1-rho)/s", POSITIVE, "FTSMC class")
+    k1: Real = number(1.0, "1/s", POSITIVE, "FTSMC class")
+    k2: Real = number(0.8, "m^(1-rho)/s^(2-rho)", POSITIVE, "FTSMC class")
+    rho: Real = number(0.6, "1", FRACTION, "FTSMC class")
+    kw1: Real = number(2.0, "1/s", POSITIVE, "FTSMC class")
+    kw2: Real = number(1.0, "rad^(1-rho)/s", POSITIVE, "FTSMC class")
 
-    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "k1", "k2", "rho", "kw1", "kw2")
+    tunable = ("a", "b", "g", "k1", "k2", "rho", "kw1", "kw2")
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
         """It remembers nothing."""
@@ -58,9 +56,9 @@ class FTSMC(TerminalSurface, Law):
     ) -> tuple[Command, tuple[()]]:
         """Commands before the deadzone."""
         s, u = self(measurement, reference)
-        u = u - self.k1 * s - self.k2 * signed_power(s, self.rho)  # pyright: ignore[reportArgumentType]
+        u = u - self.k1 * s - self.k2 * signed_power(s, self.rho)
         e_psi = wrap(measurement.heading - reference.heading)
-        omega = reference.heading_rate - self.kw1 * e_psi - self.kw2 * signed_power(e_psi, self.rho)  # pyright: ignore[reportArgumentType]
+        omega = reference.heading_rate - self.kw1 * e_psi - self.kw2 * signed_power(e_psi, self.rho)
         return Command(position=u, heading=omega), ()
 
 
@@ -76,15 +74,13 @@ class TwistingState:
 class SuperTwistingFTSMC(TerminalSurface, Law):
     """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances."""
 
-    eps: float = number(
-        0.05, "m/s, rad", POSITIVE, "super-twisting, boundary layer as ASMC's; keeps it from chattering"
-    )
-    k1: float = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
-    k2: float = number(2.0, "m/s^3", POSITIVE, "super-twisting")
-    kw1: float = number(2.0, "rad^0.5/s", POSITIVE, "super-twisting")
-    kw2: float = number(2.0, "rad/s^2", POSITIVE, "super-twisting")
+    eps: Real = number(0.05, "m/s, rad", POSITIVE, "super-twisting, boundary layer as ASMC's; keeps it from chattering")
+    k1: Real = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
+    k2: Real = number(2.0, "m/s^3", POSITIVE, "super-twisting")
+    kw1: Real = number(2.0, "rad^0.5/s", POSITIVE, "super-twisting")
+    kw2: Real = number(2.0, "rad/s^2", POSITIVE, "super-twisting")
 
-    tunable: ClassVar[tuple[str, ...]] = ("a", "b", "g", "eps", "k1", "k2", "kw1", "kw2")
+    tunable = ("a", "b", "g", "eps", "k1", "k2", "kw1", "kw2")
 
     def init(self, measurement: Measurement, reference: Reference) -> TwistingState:
         """Integrals 0."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 from ..messages import Measurement
 from .backstepping import Backstepping, BacksteppingState
 from .network import RadialBasis
@@ -24,31 +26,31 @@ class Weights:
 class FullWeightBackstepping(Backstepping):
     """Class law of Table 1 (reading R18): W' = gamma S Zb2' - eta W from W = 0, the network's output cancelled."""
 
-    gamma1: float = number(0.1, "1/s^2", POSITIVE, "reading R18")
-    gamma2: float = number(0.1, "1/s^2", POSITIVE, "reading R18")
-    eta1: float = number(0.001, "1/s", POSITIVE, "reading R18")
-    eta2: float = number(0.001, "1/s", POSITIVE, "reading R18")
+    gamma1: Real = number(0.1, "1/s^2", POSITIVE, "reading R18")
+    gamma2: Real = number(0.1, "1/s^2", POSITIVE, "reading R18")
+    eta1: Real = number(0.001, "1/s", POSITIVE, "reading R18")
+    eta2: Real = number(0.001, "1/s", POSITIVE, "reading R18")
     position_network: RadialBasis = RadialBasis()
     heading_network: RadialBasis = RadialBasis()
 
     @classmethod
-    def with_nodes(cls, nodes: int, **gains: object) -> FullWeightBackstepping:
+    def with_nodes(cls, nodes: int, **gains: Any) -> FullWeightBackstepping:
         """Networks of so many nodes, equally spaced from -3 to 3."""
-        network = RadialBasis(centers=np.linspace(-3.0, 3.0, nodes))  # pyright: ignore[reportArgumentType]
-        return cls(position_network=network, heading_network=network, **gains)  # pyright: ignore[reportArgumentType]
+        network = RadialBasis(centers=np.linspace(-3.0, 3.0, nodes))
+        return cls(position_network=network, heading_network=network, **gains)
 
     def start_network(self, zero: Float[Array, ""]) -> Weights:
         """All weights 0."""
         nodes, nodes_psi = (jnp.shape(n.centers)[0] for n in (self.position_network, self.heading_network))
         return Weights(W=jnp.broadcast_to(zero, (nodes, 2)), W_psi=jnp.broadcast_to(zero, (nodes_psi,)))
 
-    def network_terms(self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple:
+    def network_terms(self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple[Array, Array]:
         """W'S, the networks' outputs, eqs. (37) and (60)."""
         S, S_psi = self.position_network(measurement.velocity), self.heading_network(measurement.heading)
         return jnp.sum(network.W * S[:, None], axis=0), jnp.sum(network.W_psi * S_psi)
 
     def adapt(
-        self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Array, inverse_psi: Array
+        self, network: Weights, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Real, inverse_psi: Real
     ) -> Weights:
         """Reading R18."""
         S, S_psi = self.position_network(measurement.velocity), self.heading_network(measurement.heading)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import ANY, POSITIVE, number, pytree
+from .._pytree import ANY, POSITIVE, Numbers, Real, number, pytree
 
 
 @pytree
 class RadialBasis:
     """Eq. (20). Nodes on the diagonal of the input space: node i is at centers[i] in every coordinate (reading R11)."""
 
-    centers: Float[Array, " N"] = number((-3.0, -1.5, 0.0, 1.5, 3.0), "unit of the input", ANY, "sec. 4", shape=(None,))
-    width: float = number(0.5, "unit of the input, squared", POSITIVE, "eq. (20), the divisor as printed (reading R11)")
+    centers: Float[Numbers, " N"] = number(
+        (-3.0, -1.5, 0.0, 1.5, 3.0), "unit of the input", ANY, "sec. 4", shape=(None,)
+    )
+    width: Real = number(0.5, "unit of the input, squared", POSITIVE, "eq. (20), the divisor as printed (reading R11)")
 
     def __call__(self, chi: Float[Array, "*q"]) -> Float[Array, " N"]:
         """Eq. (20). Activations S of the N nodes for an input of shape () or (q,)."""

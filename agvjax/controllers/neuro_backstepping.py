@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..messages import Measurement
 from .backstepping import Backstepping, BacksteppingState
 from .network import RadialBasis
@@ -15,22 +15,22 @@ from .network import RadialBasis
 class WeightNorms:
     """What the network of the one-parameter law adapts."""
 
-    varphi: Float[Array, ""]  # estimated squared weight norm, position, eq. (45)
-    varphi_psi: Float[Array, ""]  # estimated squared weight norm, heading, eq. (67)
+    varphi: Real  # estimated squared weight norm, position, eq. (45)
+    varphi_psi: Real  # estimated squared weight norm, heading, eq. (67)
 
 
 @pytree
 class NeuroBackstepping(Backstepping):
     """The paper's controller with the paper's gains."""
 
-    gamma1: float = number(0.1, "s^2/m^2", POSITIVE, "eq. (45)")
-    gamma2: float = number(0.1, "1/rad^2", POSITIVE, "eq. (67)")
-    eta1: float = number(0.001, "1/s", POSITIVE, "eq. (45)")
-    eta2: float = number(0.001, "1/s", POSITIVE, "eq. (67)")
-    b1: float = number(1.0, "s^0.5", POSITIVE, "eq. (41), reading R10")
-    b2: float = number(1.0, "s^0.5", POSITIVE, "eq. (63), reading R10")
-    varphi_start: float = number(0.1, "1", NONNEGATIVE, "sec. 4")
-    varphi_psi_start: float = number(0.1, "1", NONNEGATIVE, "sec. 4")
+    gamma1: Real = number(0.1, "s^2/m^2", POSITIVE, "eq. (45)")
+    gamma2: Real = number(0.1, "1/rad^2", POSITIVE, "eq. (67)")
+    eta1: Real = number(0.001, "1/s", POSITIVE, "eq. (45)")
+    eta2: Real = number(0.001, "1/s", POSITIVE, "eq. (67)")
+    b1: Real = number(1.0, "s^0.5", POSITIVE, "eq. (41), reading R10")
+    b2: Real = number(1.0, "s^0.5", POSITIVE, "eq. (63), reading R10")
+    varphi_start: Real = number(0.1, "1", NONNEGATIVE, "sec. 4")
+    varphi_psi_start: Real = number(0.1, "1", NONNEGATIVE, "sec. 4")
     position_network: RadialBasis = RadialBasis()
     heading_network: RadialBasis = RadialBasis()
 
@@ -38,13 +38,15 @@ class NeuroBackstepping(Backstepping):
         """Both estimates at their start."""
         return WeightNorms(varphi=zero + self.varphi_start, varphi_psi=zero + self.varphi_psi_start)
 
-    def network_terms(self, network: WeightNorms, measurement: Measurement, Zb2: Array, Z3: Array) -> tuple:
+    def network_terms(
+        self, network: WeightNorms, measurement: Measurement, Zb2: Array, Z3: Array
+    ) -> tuple[Array, Array]:
         """Zb2 varphi S'S / (2 b1^2) of eq. (41) and Z3 varphi_psi S'S / (2 b2^2) of eq. (63)."""
         share, share_psi = self.shares(measurement)
         return Zb2 * network.varphi * share, Z3 * network.varphi_psi * share_psi
 
     def adapt(
-        self, network: WeightNorms, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Array, inverse_psi: Array
+        self, network: WeightNorms, measurement: Measurement, Zb2: Array, Z3: Array, inverse: Real, inverse_psi: Real
     ) -> WeightNorms:
         """Eqs. (45) and (67), one estimate for both axes of the position (reading R12)."""
         share, share_psi = self.shares(measurement)
@@ -55,7 +57,7 @@ class NeuroBackstepping(Backstepping):
 
     def decay(self) -> WeightNorms:
         """How fast the estimates forget [1/s]."""
-        return WeightNorms(varphi=self.eta1, varphi_psi=self.eta2)  # pyright: ignore[reportArgumentType]
+        return WeightNorms(varphi=self.eta1, varphi_psi=self.eta2)
 
     def shares(self, measurement: Measurement) -> tuple[Array, Array]:
         """S'S / (2 b1^2) of the position network, whose input is chi2, and of the heading network (reading R11)."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 from ..geometry import wrap
 from ..integrate import largest
 from ..messages import Command, Measurement, Reference
@@ -30,15 +28,15 @@ class ObserverState:
 class OSFC(Law):
     """Observer-based state feedback, as a class law: it knows one nominal slope for each channel, no threshold."""
 
-    kp: float = number(5.0, "1/s^2", POSITIVE, "OSFC class")
-    kd: float = number(4.5, "1/s", POSITIVE, "OSFC class")
-    wo: float = number(20.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the position observer")
-    b0: float = number(0.7, "1", POSITIVE, "OSFC class, nominal slope")
-    kpsi: float = number(2.0, "1/s", POSITIVE, "OSFC class")
-    wow: float = number(40.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the heading observer")
-    b0w: float = number(0.8, "1", POSITIVE, "OSFC class, nominal slope")
+    kp: Real = number(5.0, "1/s^2", POSITIVE, "OSFC class")
+    kd: Real = number(4.5, "1/s", POSITIVE, "OSFC class")
+    wo: Real = number(20.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the position observer")
+    b0: Real = number(0.7, "1", POSITIVE, "OSFC class, nominal slope")
+    kpsi: Real = number(2.0, "1/s", POSITIVE, "OSFC class")
+    wow: Real = number(40.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the heading observer")
+    b0w: Real = number(0.8, "1", POSITIVE, "OSFC class, nominal slope")
 
-    tunable: ClassVar[tuple[str, ...]] = ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w")
+    tunable = ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w")
 
     def init(self, measurement: Measurement, reference: Reference) -> ObserverState:
         """Observers at the measured state, disturbances 0."""

@@ -40,8 +40,10 @@ class NoAntiWindup(AntiWindup):
 class BackCalculation(AntiWindup):
     """The law knows what it may ask for, and takes back from its own state what it may not."""
 
-    speed: Real = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
-    limits: Float[Array, " m"] = number((4.0, 4.0), "of each input, in the vehicle's order", POSITIVE, shape=(None,))
+    speed: Real | None = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
+    limits: Float[Array, " m"] | None = number(
+        (4.0, 4.0), "of each input, in the vehicle's order", POSITIVE, shape=(None,)
+    )
 
     def applied(self, inputs: Inputs) -> Inputs:
         """The inputs within their limits."""

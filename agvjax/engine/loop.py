@@ -49,19 +49,31 @@ class Signals:
 
 @pytree
 class Sample:
-    """What a trajectory holds of one instant."""
+    """What is seen at one instant, or with a leading N + 1 at as many; m is the plant's number of actuators."""
 
-    time: Float[Array, ""]  # s
-    position: Float[Array, "2"]  # m
-    velocity: Float[Array, "2"]  # m/s
-    heading: Float[Array, ""]  # rad
-    reference_position: Float[Array, "2"]  # m
-    reference_heading: Float[Array, ""]  # rad
-    command: Float[Array, " c"]  # u_x, u_y [m/s^2], and omega_bar [rad/s] where the plant lets its heading be commanded
-    inputs: Float[Array, " m"]  # what the m actuators were asked for, in the plant's order
-    delivered: Float[Array, " m"]  # what they delivered
-    limited: Bool[Array, ""]  # whether an actuator, or the controller's own limit, was at its limit
-    controller: PyTree  # state of the law
+    t: Float[Array, "*N"]  # s
+    position: Float[Array, "*N 2"]  # m, reference point (x_n, y_n)
+    velocity: Float[Array, "*N 2"]  # m/s
+    heading: Float[Array, "*N"]  # rad
+    reference_position: Float[Array, "*N 2"]  # m
+    reference_heading: Float[Array, "*N"]  # rad
+    command: Float[Array, "*N c"]  # u_x, u_y [m/s^2], and omega_bar [rad/s] where the plant's heading is commanded
+    inputs: Float[Array, "*N m"]  # what the actuators were asked for, in the plant's order
+    delivered: Float[Array, "*N m"]  # what they delivered
+    limited: Bool[Array, "*N"]  # whether an actuator, or the controller's own limit, was at its limit
+    controller: PyTree = ()  # state of the law
+
+
+@pytree
+class Trajectory(Sample):
+    """N + 1 samples of one run, N = n_steps / save_every."""
+
+    weight_norm: Float[Array, "N+1 2"] | None = None  # position and heading, where the law adapts one
+    ok: Bool[Array, ""]  # False: the state left `scenario.limit` and was latched
+
+    def samples(self) -> Sample:
+        """What it holds of each instant, each array with a leading N + 1."""
+        return Sample(**{f.name: getattr(self, f.name) for f in dataclasses.fields(Sample)})
 
 
 def actuator(scenario: Scenario, name: str) -> Element:
@@ -132,7 +144,8 @@ def inside(scenario: Scenario, state: PyTree) -> Bool[Array, ""]:
 
     The vehicle alone is watched: whatever in the law diverges and matters drives it out.
     """
-    return sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(state)), start=0.0) < scenario.limit**2
+    square = sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(state)), start=0.0)
+    return jnp.asarray(square < scenario.limit**2)
 
 
 def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, Memory, Bool[Array, ""]]:
@@ -190,7 +203,7 @@ def derivative(
     plant_rate = plant.derivative(flow.plant, memory.plant, response.delivered, signals.disturbance)
     seen = plant.output(flow.plant, response.delivered)
     sample = Sample(
-        time=signals.time,
+        t=signals.time,
         position=seen.position,
         velocity=seen.velocity,
         heading=seen.heading,

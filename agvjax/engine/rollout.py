@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import pytree
 from ..leaves import cast
@@ -23,20 +25,36 @@ CHUNK = 100  # steps whose time-only signals are tabulated at once; also the uni
 
 
 @pytree
+class Meter:
+    """What accumulates over the steps of a run; this one accumulates nothing."""
+
+    def weights(self, t: Array, left: Array, right: Array, end: Array) -> PyTree:
+        """What it wants to know of the instant `t`: `left` and `right` [s] to its neighbours, the run's `end` [s]."""
+        return ()
+
+    def start(self, sample: loop.Sample) -> PyTree:
+        """What is accumulated before the first sample."""
+        return ()
+
+    def update(self, tally: PyTree, sample: loop.Sample, weights: PyTree) -> PyTree:
+        """The same with one more sample and its weights."""
+        return tally
+
+
+@pytree
 class Carry:
     """What one step hands to the next."""
 
     flow: loop.Flow
     memory: loop.Memory
     ok: Bool[Array, ""]
-    meter: Any
+    meter: PyTree
 
 
 class Rollout:
     """One closed loop ready to be stepped: the objects, cast to the run's dtype, and how to step them.
 
-    `meter` accumulates over the steps: `start(sample) -> m` and `update(m, sample, weights) -> m`, where
-    `weights(t, left, right, end)` is tabulated with the other time-only signals.
+    The weights that the `meter` asks for are tabulated with the other signals that depend on time alone.
     """
 
     def __init__(
@@ -44,8 +62,8 @@ class Rollout:
         controller: Law,
         scenario: Scenario,
         timing: Timing,
-        dtype: Any,
-        meter: Any,
+        dtype: DTypeLike | None,
+        meter: Meter,
     ):
         _check_contracts(controller, scenario)
         known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
@@ -67,7 +85,9 @@ class Rollout:
         path, disturbance = self.scenario.path, self.scenario.disturbance
         self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
         jumps = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
-        self.jumps = list(filter(says, jumps))  # functions that know the instant nearest to `t` at which a signal jumps
+        self.jumps: list[Callable[[Array], Any]] = list(
+            filter(says, jumps)
+        )  # functions that know the instant nearest to `t` at which a signal jumps
 
     def instant(self, index: Any) -> tuple[Any, Any, Any]:
         """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
@@ -227,20 +247,3 @@ def _groups(chunks: int) -> tuple[int, int]:
 
 def _first(rows: Any) -> Any:
     return jax.tree.map(lambda x: x[0], rows)
-
-
-@pytree
-class NoMeter:
-    """Measures nothing."""
-
-    def weights(self, t: Any, left: Any, right: Any, end: Any) -> tuple[()]:
-        """Nothing depends on time."""
-        return ()
-
-    def start(self, sample: loop.Sample) -> tuple[()]:
-        """Nothing to begin with."""
-        return ()
-
-    def update(self, state: tuple[()], sample: loop.Sample, weights: tuple[()]) -> tuple[()]:
-        """Nothing is added."""
-        return state

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +81,7 @@ def default_heading(path: Path) -> Heading:
     return Bearing() if says(path.bearing) else Tangent()
 
 
-def says(of_time: Callable[[float], Any]) -> bool:
+def says(of_time: Callable[[Array], Array | None]) -> bool:
     """Whether a function of time gives a value, and not None; it is traced and not run."""
     return jax.eval_shape(of_time, 0.0) is not None
 
@@ -91,7 +90,7 @@ def reference(path: Path, heading: Callable[[Path, Array], Array] | None, t: Flo
     """All that the laws may ask of the path at time `t` [s]; `heading` None takes `default_heading(path)`."""
     heading = default_heading(path) if heading is None else heading
 
-    def motion(time: Float[Array, ""]) -> tuple[Any, Any]:
+    def motion(time: Float[Array, ""]) -> tuple[Array, Array]:
         return jax.jvp(path, (time,), (jnp.ones_like(time),))
 
     (position, velocity), (_, acceleration) = jax.jvp(motion, (t,), (jnp.ones_like(t),))

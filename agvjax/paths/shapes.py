@@ -8,7 +8,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import ANY, POSITIVE, number, pytree
+from .._pytree import ANY, POSITIVE, Real, number, pytree
 from ..protocols import Path
 
 SIXTH_OF_PI = 22 / 7 / 6  # reading R15: the paper prints 22/7 for pi
@@ -18,8 +18,8 @@ SIXTH_OF_PI = 22 / 7 / 6  # reading R15: the paper prints 22/7 for pi
 class Dumbbell(Path):
     """Section 4: x = A sin(2 w t), y = A sin(w t)."""
 
-    amplitude: float = number(1.0, "m", POSITIVE, "sec. 4")
-    omega: float = number(SIXTH_OF_PI, "rad/s", POSITIVE, "sec. 4, with 22/7 for pi (reading R15)")
+    amplitude: Real = number(1.0, "m", POSITIVE, "sec. 4")
+    omega: Real = number(SIXTH_OF_PI, "rad/s", POSITIVE, "sec. 4, with 22/7 for pi (reading R15)")
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         """Position [m]."""
@@ -40,8 +40,8 @@ class Dumbbell(Path):
 class Circle(Path):
     """A circle about the origin, counter-clockwise from (radius, 0)."""
 
-    radius: float = number(1.0, "m", POSITIVE)
-    omega: float = number(0.5, "rad/s", POSITIVE)
+    radius: Real = number(1.0, "m", POSITIVE)
+    omega: Real = number(0.5, "rad/s", POSITIVE)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         """Position [m]."""
@@ -53,8 +53,8 @@ class Circle(Path):
 class Lemniscate(Path):
     """Bernoulli's lemniscate, half-width `amplitude`, starting at (amplitude, 0)."""
 
-    amplitude: float = number(1.0, "m", POSITIVE)
-    omega: float = number(0.5, "rad/s", POSITIVE)
+    amplitude: Real = number(1.0, "m", POSITIVE)
+    omega: Real = number(0.5, "rad/s", POSITIVE)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
         """Position [m]."""

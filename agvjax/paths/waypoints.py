@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, number, pytree, structure
+from .._pytree import POSITIVE, Real, number, pytree, structure
 from ..geometry import bearing
 from ..protocols import Path
 
@@ -42,7 +42,7 @@ class Waypoints(Path):
 
     points: Any  # (N, 3): x [m], y [m], speed [m/s]
     coefficients: Any  # (M, 6, 2) m, of the powers of the share of each of M pieces of equal duration
-    duration: Any = number(1.0, "s", POSITIVE)
+    duration: Real | np.ndarray = number(1.0, "s", POSITIVE)
     closed: bool = structure(False)
 
     @classmethod

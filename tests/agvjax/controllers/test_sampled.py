@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import agvjax
 import reference
 from agvjax import BackCalculation, Chain, Delay, NeuroBackstepping, Noise, Sampled, Saturation, Scenario, Unicycle
-from agvjax.controllers.filters import CommandFilter, LiteralFilter
+from agvjax.controllers.filters import CommandFilter, Filtered, LiteralFilter
 from reference import Parameters
 
 DELAYED = {name: Chain(delay=Delay(time=0.02)) for name in Unicycle.actuators}
@@ -28,14 +28,16 @@ def test_the_filter_is_stepped_by_the_exponential_of_its_matrix(law, power, omeg
     if power == 2:
         period = 0.002
     exact = np.array([rest, 0]) + expm(M * period) @ (start - np.array([rest, 0])) - start
-    found = law.held(*(jnp.array(x) for x in (*start, rest, 0.0, omega_n, zeta, period)))
+    given = Filtered(*(jnp.array(x) for x in (*start, rest, 0.0, omega_n, zeta)))
+    found = law.over_period(given, jnp.array(period))
     np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-12 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("zeta", [0.6, 1.0, 1.4])
 def test_its_slopes_agree_with_differences_at_the_damping_1_too(zeta):
     def end(z):
-        return CommandFilter().held(*(jnp.array(x) for x in (0.3, -0.7, 0.9, 0.0, 60.0)), z, jnp.array(0.02))[0]
+        given = Filtered(*(jnp.array(x) for x in (0.3, -0.7, 0.9, 0.0, 60.0)), z)
+        return CommandFilter().over_period(given, jnp.array(0.02))[0]
 
     difference = (end(zeta + 1e-5) - end(zeta - 1e-5)) / 2e-5
     np.testing.assert_allclose(jax.grad(end)(zeta), difference, rtol=1e-8)

@@ -38,6 +38,7 @@ import numpy as np
 from jaxtyping import Array
 
 from agvjax.controllers.backstepping import KnownSlopes
+from agvjax.controllers.filters import Filtered
 from agvjax.leaves import cast
 from agvjax.plants import DeliveredYawRate, TurnedVelocity
 
@@ -96,7 +97,7 @@ def _position(c: Any, m: np.ndarray, n: Any) -> _Linear:
     Z1, beta1, phi1, phi2, chi2, w, velocity, acceleration = np.eye(8)  # each signal as a row: the law makes the matrix
     alpha1 = c.virtual_control(Z1, beta1, velocity)
     alpha1_rate = c.virtual_control(chi2 - velocity, Z1, acceleration)
-    phi1_rate, phi2_rate = map(np.asarray, c.filter(phi1, phi2, alpha1, alpha1_rate, c.omega_n, c.zeta))
+    phi1_rate, phi2_rate = map(np.asarray, c.filter(Filtered(phi1, phi2, alpha1, alpha1_rate, c.omega_n, c.zeta)))
     inverse = 1 / np.broadcast_to(c.Pi_hat, 2)[:, None]
     u = -(c.k2 + n * inverse) * (chi2 - phi1) + phi1_rate * inverse  # (41)
     rates = [chi2 - velocity, Z1, phi1_rate, phi2_rate, m[:, None, None] * u + w]
