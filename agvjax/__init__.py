@@ -22,7 +22,12 @@ silent or contradicts itself is marked `reading R..` where it matters.
 | `gamma1, gamma2, eta1, eta2, b1, b2` | the same | adaptation, eqs. (41), (45), (63), (67) |
 """
 
+from ._pytree import FRACTION as FRACTION
+from ._pytree import NONNEGATIVE as NONNEGATIVE
+from ._pytree import POSITIVE as POSITIVE
+from ._pytree import Rule as Rule
 from ._pytree import number as number
+from ._pytree import structure as structure
 from .actuators.chain import Chain as Chain
 from .actuators.deadzone import Deadzone as Deadzone
 from .actuators.elements import Backlash as Backlash
@@ -71,6 +76,9 @@ from .evaluate import batch as batch
 from .evaluate import evaluate as evaluate
 from .feasible import demands as demands
 from .feasible import path_warnings as path_warnings
+from .geometry import into_body as into_body
+from .geometry import into_plane as into_plane
+from .geometry import wrap as wrap
 from .integrate import EULER as EULER
 from .integrate import HEUN as HEUN
 from .integrate import INTEGRATORS as INTEGRATORS

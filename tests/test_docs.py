@@ -1,0 +1,128 @@
+"""Examples in the documentation run as they stand; commands of `docs/extending.md` with small numbers added."""
+
+import ast
+import csv
+import re
+import shlex
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import agvjax
+from agvjax import Sampled, Scenario, simulate
+from commands import FAST, ROOT, run
+from tuning import config as configuration
+
+SMALL = {
+    "simulate": FAST,
+    "tune": [
+        *FAST,
+        "ensemble.size=4",
+        "ensemble.validation_size=2",
+        "tune.iterations=2",
+        "tune.search.scouts=4",
+        "tune.search.starts=1",
+        "tune.search.iterations=1",
+        "tune.search.checks=0",
+    ],
+    "sweep": [*FAST, "sweep.samples=2", "sweep.radius=false"],
+    "identify": ["identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
+    "export": [],
+}
+FENCE = re.compile(r"```(\w+)\n(.*?)```", re.S)
+NAME = re.compile(r"# ([\w/]+\.(?:py|toml))\n")
+
+
+def blocks(page, kind):
+    return [body for what, body in FENCE.findall((ROOT / page).read_text(encoding="utf-8")) if what == kind]
+
+
+def executed(code):
+    scope = {}
+    exec(compile(code, "example", "exec"), scope)
+    return scope
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the files of `docs/extending.md`: blocks that begin with the name of one."""
+    home = tmp_path_factory.mktemp("own")
+    for kind in ("python", "toml"):
+        for body in blocks("docs/extending.md", kind):
+            if name := NAME.match(body):
+                (home / name[1]).write_text(body)
+    return home
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    yield folder
+    for path in folder.glob("*.py"):
+        sys.modules.pop(path.stem, None)
+
+
+@pytest.mark.parametrize("page", ["docs/extending.md", pytest.param("README.md", marks=pytest.mark.slow)])
+def test_an_example_in_python_runs(page, here, capsys):
+    examples = [body for body in blocks(page, "python") if not NAME.match(body)]
+    assert examples
+    with jax.numpy_dtype_promotion("standard"):  # as JAX is set for a user
+        for body in examples:
+            executed(body)
+
+
+def test_a_table_in_the_recipes_is_read(here):
+    files = [path.name for path in sorted(here.glob("*.toml"))]
+    assert {"sampled.toml", "world.toml"} <= set(files)
+    read = {name: configuration.load([name], imports=["my_law.py", "omni.py", "world.py"]) for name in files}
+    assert isinstance(read["sampled.toml"].controller, Sampled)
+    assert type(read["sampled.toml"].controller.inner).__name__ == "Feedforward"
+    scenario = read["world.toml"].scenario
+    assert [type(x).__name__ for x in (scenario.path, scenario.disturbance)] == ["Ellipse", "Gust"]
+    assert scenario.actuators["position"]["soft"].most == 6.0
+
+
+def test_the_law_of_the_page_is_that_of_the_notebooks(folder):
+    def bare(text):
+        tree = ast.parse(text)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+                del node.body[0]
+        return ast.unparse(tree)
+
+    assert bare((folder / "my_law.py").read_text()) == bare((ROOT / "notebooks" / "my_law.py").read_text())
+
+
+def commands():
+    lines = [line for body in blocks("docs/extending.md", "sh") for line in body.splitlines()]
+    assert all(line.startswith("agvjax ") and "--import" in line for line in lines)
+    return list(dict.fromkeys(lines))
+
+
+def drive(file):
+    """A drive of the page's robot, as it would be logged at 50 Hz."""
+    import omni
+
+    run = simulate(agvjax.NeuroBackstepping(), Scenario.of(omni.Omni()), dt=0.005, n_steps=800, save_every=4)
+    columns = [run.t, run.position[:, 0], run.position[:, 1], run.heading, *np.asarray(run.inputs).T]
+    with open(file, "w", newline="") as log:
+        rows = csv.writer(log)
+        rows.writerow(["t", "x", "y", "heading", *omni.WHEELS])
+        rows.writerows(np.stack(columns, 1).tolist())
+
+
+@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_the_commands_of_the_recipes_run(quick, here):
+    """Nothing but the files of the page is there: a law or a plant of one's own needs no other file touched."""
+    lines = [line for line in commands() if ("simulate" in line) == quick]
+    assert len(lines) >= 4
+    if not quick:
+        drive("drive.csv")
+    for line in lines:
+        words = shlex.split(line)[1:]
+        out = [] if "--out" in words else ["--out", f"{words[0]}-{len(list(here.iterdir()))}"]
+        small = [x for text in SMALL[words[0]] for x in ("--set", text)]
+        run([*words, *out, *small])
