@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-import tomllib
 from pathlib import Path
 
 from agvjax import Fault, InputError
 
 from ..config import Config, dump
-from ..config.spellings import flat
+from ..config.old import difference
 from ..io import files
 
 
@@ -51,11 +50,3 @@ def same_folder(name: str | None, config: Config) -> Path:
     if before and (changed := difference(before, dump(config))):
         raise InputError([Fault("--resume", name, f"the run that these settings began; changed: {changed}")])
     return out
-
-
-def difference(old: str, new: str) -> str:
-    """What differs between two configurations in TOML, in words."""
-    before, now = (dict(flat(tomllib.loads(text), ())) for text in (old, new))
-    keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key)]
-    lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
-    return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in lines if key in table)

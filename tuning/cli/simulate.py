@@ -14,6 +14,7 @@ from jaxtyping import Array
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
+from agvjax.metric_table import METRICS, metrics_of
 
 from ..config.settings import Config
 from ..io import files
@@ -99,9 +100,9 @@ def _numbers(metrics: agvjax.Metrics, plant: agvjax.Plant) -> Numbers:
             values = [v if s else "not settled" for v, s in zip(values, metrics.settled, strict=True)]
         places = delivered if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
         numbers[field.name] = dict(zip(places, values, strict=True))
-    names = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "limited")
-    heading = np.size(metrics.rmse) == 3
-    return numbers | {n: float(getattr(metrics, n)) for n in names if heading or n != "peak_heading"}
+    totals: Numbers = {name: float(metrics[name]) for name in metrics_of(plant) if METRICS[name].channel is None}
+    settled = bool(np.all(metrics.settled))
+    return numbers | totals | ({} if settled else {"longest_settling_time": "not settled"})
 
 
 def _tables(numbers: Numbers) -> str:

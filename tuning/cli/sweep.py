@@ -24,7 +24,7 @@ from ..sweep import figures, page, results, shards, verdict, work
 from ..sweep.design import LAW, Design, design
 from ..sweep.rules import faults
 from .console import Console, RunFailed
-from .folders import difference, new_folder
+from .folders import new_folder
 from .prepare import configure, rank_and_count, warn
 
 INSTALL = "pip install 'agvjax[sweep]'"
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     place = _place(arguments)
     made = work.manifest_of(config, plan, laws)
     said = configuration.dump(config)
-    out = _folder(arguments, console, made, said)
+    out, made = _folder(arguments, console, made, said)
     warn(console, config, "sweep")
     plural = f" with each of {len(laws)} controllers" if len(laws) > 1 else ""
     console.say(f"{plan.size} scenarios{plural} in {made.count} shards; compiling ...")
@@ -166,8 +166,10 @@ def _place(arguments: argparse.Namespace) -> float:
     return rank / count
 
 
-def _folder(arguments: argparse.Namespace, console: Console, made: shards.Manifest, said: str) -> Path:
-    """A new folder with the manifest, or one in which this very sweep has begun."""
+def _folder(
+    arguments: argparse.Namespace, console: Console, made: shards.Manifest, said: str
+) -> tuple[Path, shards.Manifest]:
+    """A new folder, or one in which this very sweep has begun, and the manifest in it."""
     out = Path(arguments.out) if arguments.out else None
     if out is None or not (out / shards.MANIFEST).exists():
         if arguments.resume:
@@ -182,17 +184,19 @@ def _folder(arguments: argparse.Namespace, console: Console, made: shards.Manife
         if not (out / shards.MANIFEST).exists():
             files.write(out / "config.toml", said)
             shards.write_manifest(out, made)
-            return out
+            return out, made
     try:
         before = shards.read_manifest(out)
     except ValueError as error:
         raise InputError([Fault("--out", str(out), f"a new folder, or that of this sweep ({error})")]) from error
-    if before.digest != made.digest:
-        changed = difference(before.config, made.config) or "a controller's gains"
-        raise InputError([Fault("--out", str(out), f"a new folder, or that of the same sweep; changed: {changed}")])
+    try:
+        made = shards.taken_up(before, made)
+    except ValueError as error:
+        rule = f"a new folder, or that of the same sweep; changed: {error}"
+        raise InputError([Fault("--out", str(out), rule)]) from error
     if before.versions != made.versions:
         console.note(f"this sweep was begun with {before.versions}, here are {made.versions}")
-    return out
+    return out, made
 
 
 def _just_begun(out: Path, made: shards.Manifest) -> bool:

@@ -1,15 +1,20 @@
-"""Names of earlier releases in tables of TOML: read for now, and said to be old."""
+"""Tables of TOML of earlier releases: names that are read for now and said to be old, and what has gone."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 
 from agvjax.metric_table import OLD_NAMES
 
-from .spellings import Toml
+from .spellings import Toml, flat
 
 BY_METRIC = ("tune.goals", "tune.limits", "sweep.fails")  # tables
 OF_METRICS = ("sweep.metrics", "pareto.metric")  # a name, or a list of names
+RETIRED = {  # keys of earlier releases, which hold nothing in their files
+    "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
+    "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
+}
 
 
 def present(table: Mapping[str, Toml], note: Callable[[str], None], key: str = "") -> dict[str, Toml]:
@@ -35,3 +40,12 @@ def present(table: Mapping[str, Toml], note: Callable[[str], None], key: str = "
         else:
             read[name] = value
     return read
+
+
+def difference(old: str, new: str) -> str:
+    """What differs between two configurations in TOML, of this release or of earlier ones, in words; empty: nothing."""
+    before, now = (dict(flat(present(tomllib.loads(text), lambda name: None), ())) for text in (old, new))
+    gone = {key for key, value in before.items() if key in RETIRED and not value}
+    keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key) and key not in gone]
+    lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
+    return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in lines if key in table)

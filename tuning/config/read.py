@@ -13,14 +13,10 @@ import agvjax
 
 from .codecs import CODECS
 from .names import CLASSES, Classes
+from .old import RETIRED
 from .recipes import RECIPES, Recipe
 from .settings import Config
 from .spellings import Toml, numbers
-
-RETIRED = {  # keys of earlier releases, which hold nothing in their files
-    "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
-    "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
-}
 
 
 class Reader:

@@ -23,6 +23,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import OLD_NAMES
 
+from ..config.old import difference
 from ..io import files
 
 MANIFEST, CLAIM = "manifest.json", "claim"
@@ -59,11 +60,7 @@ class Manifest(NamedTuple):
 def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: Any) -> Manifest:
     """The manifest of a sweep; `units` are `metrics` and `leaves`."""
     digest = hashlib.sha256(json.dumps([FORMAT, config, list(laws.items())]).encode()).hexdigest()[:32]
-    versions = (
-        {name: importlib.metadata.version(name) for name in PACKAGES}
-        | {"agvjax": agvjax.__version__}
-        | {"agvjax": agvjax.__version__}
-    )
+    versions = {name: importlib.metadata.version(name) for name in PACKAGES} | {"agvjax": agvjax.__version__}
     return Manifest(
         digest, size, shard, tuple(laws), tuple(laws.values()), config=config, seed=seed, versions=versions, **units
     )
@@ -91,6 +88,20 @@ def read_manifest(folder: Path) -> Manifest:
         return Manifest(**table | {name: tuple(table[name]) for name in ("names", "controllers")})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{folder} holds no sweep of this release ({type(error).__name__}: {error})") from error
+
+
+def taken_up(before: Manifest, made: Manifest) -> Manifest:
+    """The manifest to go on with where one lies already, perhaps of an earlier release, whose shards have its digest.
+
+    Raises:
+        ValueError: it is that of another sweep; the message says what differs.
+    """
+    if before.digest != made.digest:
+        laws = before.names != made.names or any(map(difference, before.controllers, made.controllers))
+        changed = difference(before.config, made.config) or ("a controller's gains" if laws else "")
+        if changed:
+            raise ValueError(changed)
+    return made._replace(digest=before.digest)
 
 
 def path_of(folder: Path, shard: int) -> Path:

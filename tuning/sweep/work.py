@@ -60,8 +60,10 @@ def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None
     laws = {"configured": config.controller} if laws is None else laws
     made = manifest_of(config, plan, laws)
     if (folder / shards.MANIFEST).exists():
-        if shards.read_manifest(folder).digest != made.digest:
-            raise ValueError(f"{folder} holds another sweep")
+        try:
+            made = shards.taken_up(shards.read_manifest(folder), made)
+        except ValueError as error:
+            raise ValueError(f"{folder} holds another sweep: {error}") from error
     else:
         folder.mkdir(parents=True, exist_ok=True)
         shards.write_manifest(folder, made)

@@ -1,0 +1,115 @@
+"""One name a metric: the same in Python, in TOML and in the docs; and what each row is of a run with known numbers."""
+
+import re
+
+import numpy as np
+import pytest
+
+import agvjax
+from agvjax.metric_table import METRICS, OLD_NAMES, metrics_of
+from commands import ROOT
+from tuning.config.load import load
+
+RUN = agvjax.Metrics(
+    rmse=np.array([2.0, 3.0, 6.0]),
+    rmse_late=np.array([0.1, 0.2, 0.3]),
+    iae=np.array([1.0, 2.0, 4.0]),
+    ise=np.array([8.0, 16.0, 32.0]),
+    itae=np.array([0.5, 0.25, 0.125]),
+    overshoot=np.array([0.01, 0.02, 0.03]),
+    settling_time=np.array([1.5, 2.5, 0.5]),
+    settled=np.array([True, True, True]),
+    rms_command=np.array([4.0, 4.0, 7.0]),
+    peak_command=np.array([11.0, 12.0, 13.0]),
+    chatter=np.array([100.0, 200.0, 300.0]),
+    ok=np.array(True),
+    rms_delivered=np.array([1.0, 4.0, 8.0]),
+    peak_delivered=np.array([5.0, 7.0, 6.0]),
+    variation_delivered=np.array([10.0, 20.0, 30.0]),
+    limited=np.array(0.25),
+)
+BY_HAND = {
+    "total_rmse": 7.0,  # 4 + 9 + 36 = 49
+    "effort": 9.0,  # 16 + 16 + 49 = 81
+    "peak_position": 12.0,
+    "peak_heading": 13.0,
+    "total_chatter": 600.0,
+    "longest_settling_time": 2.5,
+    "total_iae": 7.0,
+    "total_ise": 56.0,
+    "total_itae": 0.875,
+    "rmse_x": 2.0,
+    "rmse_y": 3.0,
+    "rmse_heading": 6.0,
+    "rmse_late_x": 0.1,
+    "rmse_late_y": 0.2,
+    "rmse_late_heading": 0.3,
+    "overshoot_x": 0.01,
+    "overshoot_y": 0.02,
+    "overshoot_heading": 0.03,
+    "settling_time_x": 1.5,
+    "settling_time_y": 2.5,
+    "settling_time_heading": 0.5,
+    "rms_command_x": 4.0,
+    "rms_command_y": 4.0,
+    "rms_command_heading": 7.0,
+    "peak_command_x": 11.0,
+    "peak_command_y": 12.0,
+    "chatter_x": 100.0,
+    "chatter_y": 200.0,
+    "chatter_heading": 300.0,
+    "delivered_effort": 9.0,  # 1 + 16 + 64 = 81
+    "delivered_peak": 7.0,
+    "delivered_variation": 60.0,
+    "limited": 0.25,
+}
+
+
+def test_every_row_of_the_table_has_its_value_by_hand():
+    assert {name: float(RUN[name]) for name in METRICS} == BY_HAND
+
+
+@pytest.mark.parametrize("name", [name for name, row in METRICS.items() if row.channel is None])
+def test_what_is_over_all_channels_is_an_attribute_of_the_same_name(name):
+    assert float(getattr(RUN, name)) == BY_HAND[name]
+
+
+def test_every_row_can_be_named_in_toml_and_no_other():
+    given = {"sweep.metrics": list(BY_HAND), "tune.limits": dict.fromkeys(BY_HAND, 2.0)}
+    config = load([], more=given)
+    assert config.sweep.metrics == tuple(BY_HAND) and set(config.tune.limits or ()) == set(BY_HAND)
+    with pytest.raises(agvjax.InputError, match="rmse_heading_x"):
+        load([], more={"tune.goals": {"rmse_heading_x": 1.0}})
+
+
+def test_the_table_of_the_docs_has_every_row_and_no_other():
+    text = (ROOT / "docs" / "tuning.md").read_text().split("| metric | |")[1].split("\n\n")[0]
+    named = []
+    for line in text.splitlines()[2:]:
+        for word in re.findall("`([a-z_]+)`", line.split("|")[1]):
+            if word.startswith("_"):  # `rmse_x`, `_y`: another channel of the one before
+                word = re.sub("_(x|y)$", word, named[-1])
+            named.append(word)
+    assert sorted(named) == sorted(BY_HAND)
+
+
+def test_an_old_name_is_none_of_today_and_means_one_of_today():
+    assert not set(OLD_NAMES) & set(METRICS) and set(OLD_NAMES.values()) <= set(METRICS)
+    notes = []
+    config = load([], ["tune.goals.rmse=1", 'sweep.metrics=["peak_x", "effort"]'], note=notes.append)
+    assert list(config.tune.goals) == ["total_rmse"] and config.sweep.metrics == ("peak_command_x", "effort")
+    assert notes == [
+        "tune.goals.rmse: the old name of total_rmse",
+        "sweep.metrics = peak_x: the old name of peak_command_x",
+    ]
+    with pytest.warns(DeprecationWarning, match="pareto.metric = chatter: the old name of total_chatter"):
+        load([], ["pareto.metric=chatter"])
+
+
+def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
+    assert {name for name in METRICS if "heading" in name} == set(METRICS) - set(metrics_of(agvjax.Unicycle()))
+    plain = agvjax.measure(agvjax.simulate(agvjax.NeuroBackstepping(), agvjax.Scenario(), n_steps=3))
+    for name in ("delivered_effort", "delivered_peak", "delivered_variation", "limited"):
+        with pytest.raises(ValueError, match="delivered=True"):
+            plain[name]
+        assert agvjax.Criteria.of([name]).delivered and not agvjax.Criteria.of(["effort"]).delivered
