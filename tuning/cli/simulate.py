@@ -60,7 +60,7 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
         raise InputError([Fault("--from", text, rule) for text in others])
     if arguments.sweep is None:
         raise InputError([Fault("--from", "none", "the folder of a sweep, with --index and --controller")])
-    controller, scenario, horizon = vehicle(arguments.sweep, arguments.index, arguments.controller)
+    controller, scenario, horizon = vehicle(arguments.sweep, arguments.index, arguments.controller, arguments.imports)
     if any(text.startswith("simulate.horizon") for text in arguments.set):
         horizon = config.simulate.horizon
     timing = dataclasses.replace(config.simulate, horizon=horizon)

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Take shards until none is missing; whoever finishes last writes the report."""
     config, console = configure(arguments, faults, _more(arguments))
     _installed(config)
-    laws = _controllers(config)
+    laws = _controllers(config, arguments.imports)
     plan = design(config)
     place = _place(arguments)
     made = work.manifest_of(config, plan, laws)
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
                 (out / "report.html").unlink(missing_ok=True)
                 files.write(out / "config.toml", said)
                 console.say("looking at what was found ...")
-                _conclude(console, config, results.load(out), laws, judges, out)
+                _conclude(console, config, results.load(out, arguments.imports), laws, judges, out)
                 shards.sweep_up(out)
                 return 0
         time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
@@ -119,17 +119,17 @@ def _installed(config: Config) -> None:
         raise InputError(missing)
 
 
-def _controllers(config: Config) -> dict[str, Any]:
+def _controllers(config: Config, imports: Sequence[str]) -> dict[str, Any]:
     """The configured controller, then the others by their names."""
     laws = {"configured": config.controller}
     gains = {name.removeprefix(LAW) for table in config.sweep.over for name in table if name.startswith(LAW)}
     for name in config.sweep.controllers:
         if Path(name).suffix == ".toml":
             label = str(Path(name).with_suffix(""))
-            law = _read(name, lambda name=name: configuration.load([name]))
+            law = _read(name, lambda name=name: configuration.load([name], imports=imports))
         else:
             label = name
-            law = _read(name, lambda name=name: resolve({"controller": name}))
+            law = _read(name, lambda name=name: resolve({"controller": name}, imports=imports))
         missing = gains - set(agvjax.leaves(law))
         if missing:
             rule = f"a law that has the swept gains {', '.join(sorted(missing))}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import agvjax
 from agvjax import Fault, InputError
 
 from . import results, shards
-from .design import scene
+from .design import design, scene
 
 
 class Vehicle(NamedTuple):
@@ -20,8 +21,10 @@ class Vehicle(NamedTuple):
     horizon: float  # s
 
 
-def vehicle(folder: str, index: int | None, name: str | None = None) -> Vehicle:
+def vehicle(folder: str, index: int | None, name: str | None = None, imports: Sequence[str] = ()) -> Vehicle:
     """The vehicle of number `index` with the controller of this name, by default the first one.
+
+    Imports are those of `tuning.config.load`.
 
     Raises:
         InputError: no folder of a sweep, or there is no such number or name in it.
@@ -35,6 +38,7 @@ def vehicle(folder: str, index: int | None, name: str | None = None) -> Vehicle:
         raise InputError([Fault("--index", "none" if index is None else index, rule)])
     if name is not None and name not in manifest.names:
         raise InputError([Fault("--controller", name, f"one of the sweep's: {', '.join(manifest.names)}")])
-    swept, scenario = scene(results.opened(manifest), index)
-    controller = results.controller_of(manifest, manifest.names.index(name) if name is not None else 0)
-    return Vehicle(agvjax.replace(controller, swept), scenario, results.config_of(manifest).simulate.horizon)
+    config = results.config_of(manifest, imports)
+    swept, scenario = scene(design(config), index)
+    controller = results.controller_of(manifest, manifest.names.index(name) if name is not None else 0, imports)
+    return Vehicle(agvjax.replace(controller, swept), scenario, config.simulate.horizon)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import tomllib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+import agvjax
 from agvjax.metric_table import OLD_NAMES
 
 from ..config.load import resolve
@@ -112,15 +113,20 @@ class Results(NamedTuple):
         _replaced(path, lambda part: parquet.write_table(table, part))
 
 
-def load(folder: str | Path) -> Results:
+def load(folder: str | Path, imports: Sequence[str] = ()) -> Results:
     """The results of a finished sweep.
+
+    Args:
+        folder: of the sweep.
+        imports: the files of one's own classes with which it was made.
 
     Raises:
         ValueError: the folder holds no sweep, or shards of it are missing or damaged; the message names them.
     """
     folder = Path(folder)
     made = shards.read_manifest(folder)
-    return collect(folder, made, config_of(made), opened(made))
+    config = config_of(made, imports)
+    return collect(folder, made, config, design(config))
 
 
 def collect(folder: Path, made: Manifest, config: Config, plan: Design) -> Results:
@@ -159,16 +165,11 @@ def _replaced(path: Path, write: Callable[[Path], Any]) -> None:
         part.unlink(missing_ok=True)
 
 
-def config_of(made: Manifest) -> Config:
+def config_of(made: Manifest, imports: Sequence[str] = ()) -> Config:
     """The configuration that a manifest holds."""
-    return resolve(tomllib.loads(made.config), faults)
+    return resolve(tomllib.loads(made.config), faults, imports)
 
 
-def opened(made: Manifest) -> Design:
-    """The scenarios that a manifest means."""
-    return design(config_of(made))
-
-
-def controller_of(made: Manifest, which: int) -> Any:
+def controller_of(made: Manifest, which: int, imports: Sequence[str] = ()) -> agvjax.Law:
     """One of its controllers."""
-    return resolve(tomllib.loads(made.controllers[which])).controller
+    return resolve(tomllib.loads(made.controllers[which]), imports=imports).controller
