@@ -1,7 +1,7 @@
 """A law of one's own: acceleration and turning rate of the path, with feedback on the errors.
 
-    agvjax simulate --import my_law.py --set controller=Feedforward
-    agvjax tune --import my_law.py --set controller=Feedforward
+agvjax simulate --import my_law.py --set controller=Feedforward
+agvjax tune --import my_law.py --set controller=Feedforward
 """
 
 import agvjax

@@ -1,4 +1,4 @@
-"""Logs of the MuJoCo robot, with the noise of a localisation: `python -m tuning.vehicles.record FOLDER`.
+"""Logs of the MuJoCo robot, with the noise of a localisation: `python notebooks/logs/record.py FOLDER`.
 
 The first is the drive that `agvjax identify --config robot` suggests, open loop; the second along a lemniscate and the
 third along a spline are driven by the gains that `agvjax tune --config robot` starts with.

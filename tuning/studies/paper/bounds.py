@@ -1,6 +1,6 @@
 """Ultimate bounds on the tracking errors that can be proved, in the place of the paper's (reading R14).
 
-Plant, law and notation as in `agvjax.lyapunov`: n = varphi S'S / (2 b^2) >= 0 is the network's gain, dz the deadzone,
+Plant, law and notation as in `proof.py`: n = varphi S'S / (2 b^2) >= 0 is the network's gain, dz the deadzone,
 Pi its true slope, delta the disturbance; Z3 neither wraps nor jumps (R8, R17). `report` gives the printed bounds (50),
 (72) and the corrected ones. These are ultimate: they bound the limit superior, not the transient. Their proof has three
 parts.
@@ -25,7 +25,7 @@ parts.
    In each case the best of several m counts.
 
 A common quadratic Lyapunov function of (Z3, beta2) with cross term, the other way to an a-priori bound, gives more
-(`tests/test_lyapunov.py`) and is left out.
+(`tests/tuning/studies/paper/test_lyapunov.py`) and is left out.
 """
 
 from __future__ import annotations

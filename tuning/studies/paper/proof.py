@@ -2,7 +2,7 @@
 
 Written for the plant `Decoupled` with one `Deadzone` a channel, no sensor, and `NeuroBackstepping` with a constant
 belief Pi_hat. Everything measured along a run is measured at its saved samples. What can be proved instead of the
-printed bounds (50), (54), (72) is in `agvjax.bounds`.
+printed bounds (50), (54), (72) is in `bounds.py`.
 """
 
 from __future__ import annotations
