@@ -47,7 +47,7 @@ def load(
     """
     given, table = files_of_classes.load_files(imports), {}
     for name in files:
-        part = _parsed(name)
+        part = parsed(name)
         if missing := files_of_classes.missing(part.get("imports", {}), given):
             raise agvjax.InputError(missing)
         _merge(table, present(part, note))
@@ -83,7 +83,7 @@ def _rules(command: str) -> Rules:
     return importlib.import_module(f"tuning.{command}.rules").faults if command in ("tune", "sweep") else faults
 
 
-def _parsed(name: str) -> dict[str, Toml]:
+def parsed(name: str) -> dict[str, Toml]:
     """The table of a file or of a preset."""
     try:
         file = PRESETS / f"{name}.toml" if name in BUILT_IN else Path(name)

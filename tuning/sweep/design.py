@@ -11,18 +11,23 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import ArrayLike
 from scipy.stats import qmc
 
 import agvjax
 from agvjax.leaves import get, unit_of
+from agvjax.protocols import Law
 
 from ..config.settings import Config
-from ..ensemble.draws import Draw, together, uniform
+from ..ensemble.draws import Draw, Span, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on
 LAW = "controller."  # what the names of gains begin with
 SENSITIVITY = ("saltelli", "morris")
+
+
+Leaves = Mapping[str, ArrayLike]  # of scenarios and controllers, by name, each (n, ...)
 
 
 class Target(NamedTuple):
@@ -61,8 +66,8 @@ class Axis(NamedTuple):
 class Design(NamedTuple):
     """All scenarios of a sweep: number = node of the grid (the last axis fastest) * samples + sample."""
 
-    controller: Any
-    scenario: Any
+    controller: Law
+    scenario: agvjax.Scenario
     grid: tuple[Axis, ...]
     sampled: tuple[Axis, ...]
     method: str = "random"
@@ -105,10 +110,10 @@ class Design(NamedTuple):
         """Its unit."""
         return unit_of(*self._home(leaf))
 
-    def _home(self, leaf: str) -> tuple[Any, str]:
+    def _home(self, leaf: str) -> tuple[Law | agvjax.Scenario, str]:
         return (self.controller, leaf.removeprefix(LAW)) if leaf.startswith(LAW) else (self.scenario, leaf)
 
-    def value(self, target: Target, share: Any) -> np.ndarray:
+    def value(self, target: Target, share: float | np.ndarray) -> np.ndarray:
         """What a target is at shares (n,) of its axis: (n,), or (n, ...) where it is a whole array."""
         nominal = self.nominal_of(target)
         share = np.asarray(share, float).reshape(-1, *[1] * nominal.ndim)
@@ -132,15 +137,15 @@ class Design(NamedTuple):
     def values(self, first: int, count: int) -> dict[str, np.ndarray]:
         """Leaves of the scenarios from number `first`, each (count, ...)."""
         nominal = {leaf: self.nominal(leaf) for leaf in self.names}
-        made = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
+        values = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
         for axis, share in zip((*self.grid, *self.sampled), self._tied(self.shares(first, count).T), strict=True):
             for target in axis.targets:
                 if self.method in SENSITIVITY and target.draw.tailed:
                     tail = target.draw.ends[0]
                     share = tail + (1 - 2 * tail) * share  # their points lie on the ends too
                 place = (slice(None),) if target.element is None else (slice(None), target.element)
-                made[target.leaf][place] = self.value(target, share)
-        return made
+                values[target.leaf][place] = self.value(target, share)
+        return values
 
     def _tied(self, shares: np.ndarray) -> np.ndarray:
         """Shares (axes, n) of sampled leaves that are drawn together, by the correlations of those among them."""
@@ -155,7 +160,7 @@ class Design(NamedTuple):
             tied[places[name]] = together(shares[[places[leaf] for leaf in there]], factor[there.index(name)].tolist())
         return tied
 
-    def split(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    def split(self, values: Leaves) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike]]:
         """Leaves of the controller, by their names in it, and of the scenario."""
         law = {leaf.removeprefix(LAW): x for leaf, x in values.items() if leaf.startswith(LAW)}
         return law, {leaf: x for leaf, x in values.items() if not leaf.startswith(LAW)}
@@ -178,7 +183,7 @@ def design(config: Config) -> Design:
     return Design(config.controller, config.scenario, grid, sampled, settings.design, settings.samples, config.seed)
 
 
-def _points_of(table: Mapping[str, Any]) -> int:
+def _points_of(table: Mapping[str, Span]) -> int:
     return next(iter(table.values())).points
 
 
@@ -220,12 +225,12 @@ def sensitivity_points(method: str, width: int, base: int, seed: int) -> np.ndar
     return morris.sample(problem, base, num_levels=LEVELS, seed=seed)
 
 
-def unit_problem(names: list[str]) -> dict[str, Any]:
+def unit_problem(names: list[str]) -> dict[str, object]:
     """SALib's description of a unit cube."""
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
 
 
-def scene(design: Design, number: int) -> tuple[dict[str, Any], Any]:
+def scene(design: Design, number: int) -> tuple[dict[str, ArrayLike], agvjax.Scenario]:
     """Gains and scenario of one number, to be looked at again."""
     law, scenario = design.split({name: value[0] for name, value in design.values(number, 1).items()})
     return law, agvjax.replace(design.scenario, scenario)

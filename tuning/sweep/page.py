@@ -13,27 +13,27 @@ from ..io.pages import grid
 from .design import SENSITIVITY
 from .findings import worst
 from .results import Results
-from .verdict import Verdict
+from .verdict import SweepVerdict
 
 WORST = 10  # scenarios listed
 
 
-def page(results: Results, found: Verdict, figures: Sequence[str], folder: str) -> str:
+def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder: str) -> str:
     """The whole report."""
     plan = results.design
-    lines = ["# Sweep", "", _what(results), "", "## Does it fail?", "", _failures(results, found), ""]
+    lines = ["# Sweep", "", _what(results), "", "## Does it fail?", "", _failures(results, judged), ""]
     lines += ["## How far may it drift?", ""]
-    lines += [*_radii(results, found), ""] if found.radii else []
-    lines += [found.unmoved, ""] if found.unmoved else []
+    lines += [*_radii(results, judged), ""] if judged.radii else []
+    lines += [judged.unmoved, ""] if judged.unmoved else []
     lines += ["## What it looks like", ""]
     for name in figures:
         lines += [f"![{name.removesuffix('.png')}]({name})", ""]
-    lines += ["## The metrics", "", _metrics(results, found), ""]
-    if any(any(rows.values()) for rows in found.indices.values()):
-        lines += ["## What they hang on", "", *_sensitivity(results, found), ""]
+    lines += ["## The metrics", "", _metrics(results, judged), ""]
+    if any(any(rows.values()) for rows in judged.indices.values()):
+        lines += ["## What they hang on", "", *_sensitivity(results, judged), ""]
     elif plan.method in SENSITIVITY:
         lines += ["No sensitivities: runs diverged or did not settle, and an infinite metric has none.", ""]
-    lines += ["## The worst scenarios", "", *_worst(results, found, folder)]
+    lines += ["## The worst scenarios", "", *_worst(results, judged, folder)]
     return "\n".join(lines) + "\n"
 
 
@@ -48,10 +48,10 @@ def _what(results: Results) -> str:
     )
 
 
-def _failures(results: Results, found: Verdict) -> str:
+def _failures(results: Results, judged: SweepVerdict) -> str:
     drawn = bool(results.design.sampled) and not results.design.grid and results.design.method not in SENSITIVITY
     rows = []
-    for name, f in zip(results.names, found.failures, strict=True):
+    for name, f in zip(results.names, judged.failures, strict=True):
         share = f"{f.share:.4%}"
         rows.append([name, f.failed, f.runs, f.diverged, share, *([f"{f.low:.4%} to {f.high:.4%}"] if drawn else [])])
     header = [
@@ -62,7 +62,7 @@ def _failures(results: Results, found: Verdict) -> str:
         "share",
         *(["95 % interval of the probability"] if drawn else []),
     ]
-    rule = ", or ".join(f"{name} passes {bound:.5g} {METRICS[name].unit}" for name, bound in found.bounds.items())
+    rule = ", or ".join(f"{name} passes {bound:.5g} {METRICS[name].unit}" for name, bound in judged.bounds.items())
     relative = " (multiples are of the nominal run with the first controller)" if rule else ""
     note = f"\n\nA run fails if it diverges{', or if ' + rule if rule else ''}{relative}."
     if drawn and results.design.method != "random":
@@ -72,9 +72,9 @@ def _failures(results: Results, found: Verdict) -> str:
     return grid(header, rows) + note
 
 
-def _radii(results: Results, found: Verdict) -> list[str]:
+def _radii(results: Results, judged: SweepVerdict) -> list[str]:
     lines = []
-    for name, r in zip(results.names, found.radii, strict=True):
+    for name, r in zip(results.names, judged.radii, strict=True):
         if r.radius >= 1:
             said = "nothing was found to fail anywhere in the axes' ranges"
         elif r.failure == 0:
@@ -85,14 +85,14 @@ def _radii(results: Results, found: Verdict) -> list[str]:
                 f"no failure was found up to {r.radius:.3g} of the way to the ends; one lies at {r.failure:.3g}: {near}"
             )
         lines.append(f"* {name}: {said} ({r.searches} searches, {r.samples} samples).")
-    targets = list(found.radii[0].ends)
+    targets = list(judged.radii[0].ends)
     rows = [
-        [target, *(f"{r.ends[target][0]:.4g} to {r.ends[target][1]:.4g}" for r in found.radii)] for target in targets
+        [target, *(f"{r.ends[target][0]:.4g} to {r.ends[target][1]:.4g}" for r in judged.radii)] for target in targets
     ]
     return [*lines, "", "The box in which nothing was found to fail:", "", grid(["leaf", *results.names], rows)]
 
 
-def _metrics(results: Results, found: Verdict) -> str:
+def _metrics(results: Results, judged: SweepVerdict) -> str:
     rows = []
     for metric, values in results.metrics.items():
         for i, name in enumerate(results.names):
@@ -100,10 +100,9 @@ def _metrics(results: Results, found: Verdict) -> str:
             fine = values[i][np.isfinite(values[i])]
             mean = float(fine.mean()) if fine.size else np.inf
             missing = values[i].size - fine.size
-            nominal = found.nominal[i][metric]
-            rows.append(
-                [metric, METRICS[metric].unit, name, nominal, mean, low, middle, high, float(values[i].max()), missing]
-            )
+            nominal = judged.nominal[i][metric]
+            unit = METRICS[metric].unit
+            rows.append([metric, unit, name, nominal, mean, low, middle, high, float(values[i].max()), missing])
     return grid(
         [
             "metric",
@@ -121,11 +120,11 @@ def _metrics(results: Results, found: Verdict) -> str:
     )
 
 
-def _sensitivity(results: Results, found: Verdict) -> list[str]:
+def _sensitivity(results: Results, judged: SweepVerdict) -> list[str]:
     saltelli = results.design.method == "saltelli"
     names = ("first order", "±", "total", "±") if saltelli else ("mean of |effect|", "±", "standard deviation")
     lines = []
-    for controller, rows in found.indices.items():
+    for controller, rows in judged.indices.items():
         for metric, indices in rows.items():
             if not indices:
                 lines += [f"{controller}, {metric}: none, since some runs have no finite value.", ""]
@@ -135,8 +134,8 @@ def _sensitivity(results: Results, found: Verdict) -> list[str]:
     return lines
 
 
-def _worst(results: Results, found: Verdict, folder: str) -> list[str]:
-    metric = next(iter(found.bounds), next(iter(results.metrics)))
+def _worst(results: Results, judged: SweepVerdict, folder: str) -> list[str]:
+    metric = next(iter(judged.bounds), next(iter(results.metrics)))
     lines, leaves = [], list(results.leaves)
     for i, name in enumerate(results.names):
         values = results.metrics[metric][i]
@@ -144,7 +143,7 @@ def _worst(results: Results, found: Verdict, folder: str) -> list[str]:
             [
                 int(n),
                 float(values[n]),
-                "yes" if found.which[i, n] else "no",
+                "yes" if judged.which[i, n] else "no",
                 *(_shown(results.leaves[x][n]) for x in leaves),
             ]
             for n in worst(values, WORST)
@@ -158,17 +157,17 @@ def _shown(value: Any) -> str:
     return ", ".join(f"{x:.4g}" for x in np.ravel(value))
 
 
-def as_json(results: Results, found: Verdict) -> dict[str, Any]:
+def as_json(results: Results, judged: SweepVerdict) -> dict[str, Any]:
     """`findings.json`."""
-    metric = next(iter(found.bounds), next(iter(results.metrics)))
+    metric = next(iter(judged.bounds), next(iter(results.metrics)))
     return {
         name: {
-            "nominal": found.nominal[i],
-            "bounds": found.bounds,
-            **found.failures[i]._asdict(),
+            "nominal": judged.nominal[i],
+            "bounds": judged.bounds,
+            **judged.failures[i]._asdict(),
             "worst": [int(n) for n in worst(results.metrics[metric][i], WORST)],
-            "radius": _plain(found.radii[i]._asdict()) if found.radii else None,
-            "indices": {m: [x._asdict() for x in rows] for m, rows in found.indices.get(name, {}).items()},
+            "radius": _plain(judged.radii[i]._asdict()) if judged.radii else None,
+            "indices": {m: [x._asdict() for x in rows] for m, rows in judged.indices.get(name, {}).items()},
         }
         for i, name in enumerate(results.names)
     }

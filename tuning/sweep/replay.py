@@ -24,7 +24,11 @@ class Vehicle(NamedTuple):
 def vehicle(folder: str, index: int | None, name: str | None = None, imports: Sequence[str] = ()) -> Vehicle:
     """The vehicle of number `index` with the controller of this name, by default the first one.
 
-    Imports are those of `tuning.config.load`.
+    Args:
+        folder: of the sweep.
+        index: number of the scenario.
+        name: of the controller.
+        imports: files of the classes of one's own that the sweep names.
 
     Raises:
         InputError: no folder of a sweep, or there is no such number or name in it.

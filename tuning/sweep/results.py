@@ -1,25 +1,28 @@
-"""What a sweep found, as NumPy arrays; and as an xarray Dataset, netCDF or Parquet where these are installed."""
+"""The results of a sweep, as NumPy arrays; and as an xarray Dataset where xarray is installed."""
 
 from __future__ import annotations
 
-import json
 import tomllib
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-import agvjax
 from agvjax.metric_table import OLD_NAMES
+from agvjax.protocols import Law
 
 from ..config.load import resolve
 from ..config.settings import Config
 from . import shards
 from .design import Design, design
+from .laws import law_of
 from .rules import faults
 from .shards import Manifest
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class _Metrics(dict[str, np.ndarray]):
@@ -40,9 +43,7 @@ class Results(NamedTuple):
     config: Config  # without `sweep.fails`, which may change afterwards
     design: Design
     ok: np.ndarray  # (C, N)
-    metrics: dict[
-        str, np.ndarray
-    ]  # (C, N); infinite where a run diverged, the settling time also where it did not settle
+    metrics: dict[str, np.ndarray]  # (C, N); infinite where a run diverged; settling times also where it did not settle
     leaves: dict[str, np.ndarray]  # (N, ...), what varied
 
     @property
@@ -54,7 +55,7 @@ class Results(NamedTuple):
         """A metric by controller, place in the grid, and sample: (C, *shape, samples)."""
         return self.metrics[metric].reshape(-1, *self.design.shape, self.design.samples)
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xarray.Dataset:
         """An `xarray.Dataset` with named dimensions; coordinates and metrics carry their unit in `attrs`.
 
         Raises:
@@ -70,9 +71,8 @@ class Results(NamedTuple):
         }
         data["ok"] = (("controller", *dims), self.ok.reshape(-1, *shape), {"units": "1"})
         coordinates: dict[str, Any] = {"controller": list(self.names)}
-        for (
-            axis
-        ) in plan.grid:  # a dimension has the name of its first leaf; what moves with it are coordinates along it
+        # a dimension has the name of its first leaf; what moves with it are coordinates along it
+        for axis in plan.grid:
             for target in axis.targets:
                 values = plan.value(target, axis.places)
                 dim, units = axis.targets[0].name, {"units": plan.unit(target.leaf)}
@@ -91,85 +91,54 @@ class Results(NamedTuple):
         about = {"seed": self.manifest.seed, "digest": self.manifest.digest, "config": self.manifest.config}
         return xarray.Dataset(data, coordinates, about)
 
-    def to_netcdf(self, path: Path) -> None:
-        """The Dataset as netCDF 4, whole or not at all."""
-        whole = self.to_xarray()
-        _replaced(path, lambda part: whole.to_netcdf(part, engine="h5netcdf"))
-
-    def to_parquet(self, path: Path) -> None:
-        """A table with a row for each scenario and controller; elements of arrays get columns of their own."""
-        import pyarrow
-        from pyarrow import parquet
-
-        columns: dict[str, Any] = {"controller": np.repeat(self.names, self.design.size)}
-        columns["index"] = np.tile(np.arange(self.design.size), len(self.names))
-        for name, values in self.leaves.items():
-            flat = values.reshape(self.design.size, -1)
-            for i in range(flat.shape[1]):
-                columns[name if values.ndim == 1 else f"{name}[{i}]"] = np.tile(flat[:, i], len(self.names))
-        columns |= {name: values.ravel() for name, values in self.metrics.items()} | {"ok": self.ok.ravel()}
-        units = json.dumps(self.manifest.leaves | self.manifest.metrics)
-        table = pyarrow.table(columns).replace_schema_metadata({"units": units, "digest": self.manifest.digest})
-        _replaced(path, lambda part: parquet.write_table(table, part))
-
 
 def load(folder: str | Path, imports: Sequence[str] = ()) -> Results:
     """The results of a finished sweep.
 
     Args:
         folder: of the sweep.
-        imports: the files of one's own classes with which it was made.
+        imports: files of the classes of one's own that it names; they are executed.
 
     Raises:
         ValueError: the folder holds no sweep, or shards of it are missing or damaged; the message names them.
     """
     folder = Path(folder)
-    made = shards.read_manifest(folder)
-    config = config_of(made, imports)
-    return collect(folder, made, config, design(config))
+    manifest = shards.read_manifest(folder)
+    config = config_of(manifest, imports)
+    return collect(folder, manifest, config, design(config))
 
 
-def collect(folder: Path, made: Manifest, config: Config, plan: Design) -> Results:
+def collect(folder: Path, manifest: Manifest, config: Config, plan: Design) -> Results:
     """The results in a folder whose sweep is known; raises as `load`."""
     missing, whole = [], {}
-    for i in range(made.count):
-        arrays, (first, count) = shards.read_shard(folder, made, i), made.span(i)
+    for i in range(manifest.shards):
+        arrays, (first, count) = shards.read_shard(folder, manifest, i), manifest.span(i)
         if arrays is None:
             missing.append(i)
             continue
         for name, part in arrays.items():  # filled as they are read, so that a large sweep is held once
             axis = 1 if name.startswith("result/") else 0
             if name not in whole:
-                whole[name] = np.empty((*part.shape[:axis], made.size, *part.shape[axis + 1 :]), part.dtype)
+                whole[name] = np.empty((*part.shape[:axis], manifest.size, *part.shape[axis + 1 :]), part.dtype)
             whole[name][(slice(None),) * axis + (slice(first, first + count),)] = part
     if missing:
         shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        raise ValueError(f"{folder}: {len(missing)} of {made.count} shards are missing or damaged ({shown})")
+        raise ValueError(f"{folder}: {len(missing)} of {manifest.shards} shards are missing or damaged ({shown})")
     return Results(
-        manifest=made,
+        manifest=manifest,
         config=config,
         design=plan,
         ok=whole["result/ok"],
-        metrics=_Metrics({name: whole[f"result/{name}"] for name in made.metrics}),
-        leaves={name: whole[f"leaf/{name}"] for name in made.leaves},
+        metrics=_Metrics({name: whole[f"result/{name}"] for name in manifest.metrics}),
+        leaves={name: whole[f"leaf/{name}"] for name in manifest.leaves},
     )
 
 
-def _replaced(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a file, and put it in its place when it is whole."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        write(part)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def config_of(made: Manifest, imports: Sequence[str] = ()) -> Config:
+def config_of(manifest: Manifest, imports: Sequence[str] = ()) -> Config:
     """The configuration that a manifest holds."""
-    return resolve(tomllib.loads(made.config), faults, imports)
+    return resolve(tomllib.loads(manifest.config), faults, imports)
 
 
-def controller_of(made: Manifest, which: int, imports: Sequence[str] = ()) -> agvjax.Law:
+def controller_of(manifest: Manifest, which: int, imports: Sequence[str] = ()) -> Law:
     """One of its controllers."""
-    return resolve(tomllib.loads(made.controllers[which]), imports=imports).controller
+    return law_of(tomllib.loads(manifest.controllers[which]), tomllib.loads(manifest.config), imports)

@@ -16,9 +16,10 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 import agvjax
 from agvjax.metric_table import OLD_NAMES
@@ -29,6 +30,7 @@ from ..io import files
 MANIFEST, CLAIM = "manifest.json", "claim"
 FORMAT = 1
 BEAT, STALE = 20.0, 120.0  # s between signs of life of a claim, and of silence after which another takes it
+BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 
 
@@ -47,9 +49,14 @@ class Manifest(NamedTuple):
     versions: dict[str, str]
 
     @property
-    def count(self) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def shards(self) -> int:
         """Number of shards."""
         return -(-self.size // self.shard)
+
+    @property
+    def block(self) -> int:
+        """Number of scenarios that are rolled out at once."""
+        return min(self.shard, self.size)
 
     def span(self, shard: int) -> tuple[int, int]:
         """First scenario and number of scenarios of a shard."""
@@ -57,8 +64,10 @@ class Manifest(NamedTuple):
         return first, min(self.shard, self.size - first)
 
 
-def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: Any) -> Manifest:
-    """The manifest of a sweep; `units` are `metrics` and `leaves`."""
+def manifest(
+    config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: dict[str, str]
+) -> Manifest:
+    """The manifest of a sweep; `units` are those of its `metrics` and `leaves`."""
     digest = hashlib.sha256(json.dumps([FORMAT, config, list(laws.items())]).encode()).hexdigest()[:32]
     versions = {name: importlib.metadata.version(name) for name in PACKAGES} | {"agvjax": agvjax.__version__}
     return Manifest(
@@ -66,10 +75,11 @@ def manifest(config: str, seed: int, laws: Mapping[str, str], size: int, shard: 
     )
 
 
-def write_manifest(folder: Path, made: Manifest) -> None:
+def write_manifest(folder: Path, manifest: Manifest) -> None:
     """`manifest.json`; processes that begin at once write the same."""
     files.write_json(
-        folder / MANIFEST, {"format": FORMAT, **made._asdict(), "shards": [made.span(i) for i in range(made.count)]}
+        folder / MANIFEST,
+        {"format": FORMAT, **manifest._asdict(), "shards": [manifest.span(i) for i in range(manifest.shards)]},
     )
 
 
@@ -110,24 +120,24 @@ def path_of(folder: Path, shard: int) -> Path:
 
 
 def write_shard(
-    folder: Path, made: Manifest, shard: int, results: Mapping[str, Any], leaves: Mapping[str, Any]
+    folder: Path, manifest: Manifest, shard: int, results: Mapping[str, np.ndarray], leaves: Mapping[str, np.ndarray]
 ) -> None:
     """One shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
-    first, count = made.span(shard)
-    arrays: dict[str, Any] = {"digest": made.digest, "first": first, "count": count}
+    first, count = manifest.span(shard)
+    arrays: dict[str, ArrayLike] = {"digest": manifest.digest, "first": first, "count": count}
     arrays |= {f"result/{name}": value for name, value in results.items()}
     arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
     files.write_npz(path_of(folder, shard), arrays)
 
 
-def read_shard(folder: Path, made: Manifest, shard: int) -> dict[str, np.ndarray] | None:
+def read_shard(folder: Path, manifest: Manifest, shard: int) -> dict[str, np.ndarray] | None:
     """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
             arrays = {_present(name): file[name] for name in file}  # zip knows a checksum of each
-        wanted = {"digest": made.digest, "first": made.span(shard)[0], "count": made.span(shard)[1]}
+        wanted = {"digest": manifest.digest, "first": manifest.span(shard)[0], "count": manifest.span(shard)[1]}
         fits = all(arrays.pop(name) == value for name, value in wanted.items())
-        names = {"result/ok", *(f"result/{n}" for n in made.metrics), *(f"leaf/{n}" for n in made.leaves)}
+        names = {"result/ok", *(f"result/{n}" for n in manifest.metrics), *(f"leaf/{n}" for n in manifest.leaves)}
         return arrays if fits and names == set(arrays) else None
     except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         return None
@@ -140,7 +150,7 @@ def _present(name: str) -> str:
 
 
 class Claim:
-    """The right to compute one shard, or to write the report, kept alive by a thread while it is held."""
+    """The right to compute one shard, or to write the report: a file that a thread touches as long as it is ours."""
 
     def __init__(self, folder: Path, name: str):
         self.path = folder / f"{name}.{CLAIM}"
@@ -190,8 +200,8 @@ def _alive(process: int) -> bool:
 
 
 @contextlib.contextmanager
-def held(folder: Path, name: str) -> Iterator[bool]:
-    """Whether the claim could be taken; released in the end."""
+def locked(folder: Path, name: str) -> Iterator[bool]:
+    """Whether this process has the claim now; it is given back in the end."""
     claim = Claim(folder, name)
     mine = claim.take()
     try:
@@ -199,6 +209,19 @@ def held(folder: Path, name: str) -> Iterator[bool]:
     finally:
         if mine:
             claim.release()
+
+
+def just_begun(folder: Path, manifest: Manifest) -> bool:
+    """Whether another process begins this sweep in the folder now, or began it and its manifest is lost."""
+    if any(read_shard(folder, manifest, i) is not None for i in range(manifest.shards)):
+        return True
+    for _ in range(BEGINNING):
+        if (folder / MANIFEST).exists():
+            return True
+        if any(path.name != "config.toml" and path.suffix != ".part" for path in folder.iterdir()):
+            return False
+        time.sleep(0.1)
+    return True
 
 
 def sweep_up(folder: Path) -> None:

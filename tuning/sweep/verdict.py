@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from agvjax import Fault, InputError
+from agvjax.protocols import Law
 
 from ..config.settings import Config
 from . import findings, radius
@@ -19,7 +20,7 @@ from .results import Results
 from .work import Judge
 
 
-class Verdict(NamedTuple):
+class SweepVerdict(NamedTuple):
     """Besides the results themselves."""
 
     nominal: list[dict[str, float]]  # metrics of the nominal run, of every controller
@@ -31,32 +32,32 @@ class Verdict(NamedTuple):
     unmoved: str  # why there is no radius, or what stays at nominal in it
 
 
-def judge(config: Config, found: Results, laws: Mapping[str, Any], judges: Sequence[Judge]) -> Verdict:
+def judge(config: Config, results: Results, laws: Mapping[str, Law], judges: Sequence[Judge]) -> SweepVerdict:
     """The verdict on a sweep.
 
     Args:
         config: whose `sweep.fails` and `sweep.radius` count, whatever they were when the shards were made.
-        found: the sweep.
+        results: of the sweep.
         laws: its controllers.
         judges: what judged them.
     """
-    size = min(found.manifest.shard, found.manifest.size)
-    nominal = [_nominal(found.design, judge, size) for judge in judges]
-    bounds = bounds_of(config, found.design, judges[0], size)
-    which = findings.failed(found, bounds)
-    return Verdict(
+    size = results.manifest.block
+    nominal = [_nominal(results.design, judge, size) for judge in judges]
+    bounds = bounds_of(config, results.design, judges[0], size)
+    which = findings.failed(results, bounds)
+    return SweepVerdict(
         nominal=nominal,
         bounds=bounds,
         which=which,
-        failures=findings.failures(found, which),
-        indices=_indices(found),
-        radii=_radii(config, found, which, bounds, laws),
-        unmoved=_unmoved(config, found),
+        failures=findings.failures(results, which),
+        indices=_indices(results),
+        radii=_radii(config, results, which, bounds, laws),
+        unmoved=_unmoved(config, results),
     )
 
 
-def _unmoved(config: Config, found: Results) -> str:
-    reach = radius.Reach.of(found.design)
+def _unmoved(config: Config, results: Results) -> str:
+    reach = radius.Reach.of(results.design)
     if not config.sweep.radius:
         return "Not asked for."
     if not config.sweep.fails:
@@ -90,21 +91,21 @@ def _nominal(plan: Design, judge: Judge, size: int) -> dict[str, float]:
     return {name: float(np.asarray(x)[0]) for name, x in judge(values).items()}
 
 
-def _indices(found: Results) -> dict[str, dict[str, list[Index]]]:
+def _indices(results: Results) -> dict[str, dict[str, list[Index]]]:
     """Sensitivities of every metric, where the design is one for them."""
-    if found.design.method not in SENSITIVITY or not found.design.sampled:
+    if results.design.method not in SENSITIVITY or not results.design.sampled:
         return {}
     return {
-        name: {metric: findings.sensitivity(found, values[i]) for metric, values in found.metrics.items()}
-        for i, name in enumerate(found.names)
+        name: {metric: findings.sensitivity(results, values[i]) for metric, values in results.metrics.items()}
+        for i, name in enumerate(results.names)
     }
 
 
 def _radii(
-    config: Config, found: Results, which: np.ndarray, bounds: Mapping[str, float], laws: Mapping[str, Any]
+    config: Config, results: Results, which: np.ndarray, bounds: Mapping[str, float], laws: Mapping[str, Law]
 ) -> list[Radius]:
     """The largest boxes, where they are asked for and something can move."""
-    if not (config.sweep.radius and bounds and radius.Reach.of(found.design).axes):
+    if not (config.sweep.radius and bounds and radius.Reach.of(results.design).axes):
         return []
-    seeker = radius.adversary(config, found.design, bounds)
-    return [radius.radius(found, which[i], law, seeker) for i, law in enumerate(laws.values())]
+    seeker = radius.adversary(config, results.design, bounds)
+    return [radius.radius(results, which[i], law, seeker) for i, law in enumerate(laws.values())]

@@ -3,49 +3,55 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array
 
 import agvjax
+from agvjax import Fault, InputError
 from agvjax.metric_table import METRICS
+from agvjax.protocols import Law
 
 from .. import config as configuration
 from ..config.settings import Config
-from . import shards
-from .design import Design, design
-from .results import Results, collect
+from . import results, shards
+from .design import SENSITIVITY, Design, Leaves, design
+from .results import Results
+from .rules import faults
 from .shards import Manifest
 
-WAIT = 0.5  # s between looks at what others are doing
+WAIT = 0.5  # s, after which a process looks again whether the others have finished their shards
+INSTALL = "pip install 'agvjax[sweep]'"
 
-Judge = Callable[[Any], dict[str, Any]]
+Judge = Callable[[Leaves], dict[str, Array]]  # leaves of scenarios (n, ...) -> `ok` and every metric (n,)
 
 
-def kept(config: Config) -> tuple[str, ...]:
+def recorded(config: Config) -> tuple[str, ...]:
     """The metrics that are asked for, and those that decide over failure."""
     return tuple(dict.fromkeys((*config.sweep.metrics, *config.sweep.fails)))
 
 
-def manifest_of(config: Config, plan: Design, laws: Mapping[str, Any]) -> Manifest:
-    """The manifest of a sweep; what its shards do not hang on is left out, and may be changed afterwards."""
-    free: dict[str, Any] = {"fails": {}, "radius": True, "metrics": kept(config)}
+def manifest_of(config: Config, plan: Design, laws: Mapping[str, Law]) -> Manifest:
+    """The manifest of a sweep; settings that do not change its shards are left out, and may be changed afterwards."""
+    sweep = dataclasses.replace(config.sweep, fails={}, radius=True, metrics=recorded(config))
     return shards.manifest(
-        configuration.dump(dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, **free)), strict=False),
+        configuration.dump(dataclasses.replace(config, sweep=sweep), strict=False),
         config.seed,
         {name: configuration.gains_table(law) for name, law in laws.items()},
         plan.size,
         config.sweep.shard,
-        metrics={name: METRICS[name].unit for name in kept(config)},
+        metrics={name: METRICS[name].unit for name in recorded(config)},
         leaves={name: plan.unit(name) for name in plan.names},
     )
 
 
-def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None = None) -> Results:
+def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Law] | None = None) -> Results:
     """Roll out what is missing in a folder, and return all of it; laws of one's own are welcome.
 
     Args:
@@ -54,41 +60,51 @@ def run_sweep(config: Config, folder: str | Path, laws: Mapping[str, Any] | None
         laws: controllers by name, the first also the one whose gains are swept; None for the configured one.
 
     Raises:
+        agvjax.InputError: lists every bad setting.
         ValueError: the folder holds another sweep.
     """
-    folder, plan = Path(folder), design(config)
-    laws = {"configured": config.controller} if laws is None else laws
-    made = manifest_of(config, plan, laws)
+    laws = {"configured": config.controller} if laws is None else dict(laws)
+    config = configuration.check(config, faults)
+    folder, plan = Path(folder), planned(config)
+    manifest = manifest_of(config, plan, laws)
     if (folder / shards.MANIFEST).exists():
         try:
-            made = shards.taken_up(shards.read_manifest(folder), made)
+            manifest = shards.taken_up(shards.read_manifest(folder), manifest)
         except ValueError as error:
             raise ValueError(f"{folder} holds another sweep: {error}") from error
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        shards.write_manifest(folder, made)
-    run(folder, made, plan, judges(config, plan, list(laws.values()), min(made.shard, made.size)))
-    return collect(folder, made, config, plan)
+        shards.write_manifest(folder, manifest)
+    run(folder, manifest, plan, judges(config, plan, list(laws.values()), manifest.block))
+    return results.collect(folder, manifest, config, plan)
 
 
-def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list[Judge]:
+def planned(config: Config) -> Design:
+    """The scenarios of a configuration that has been checked.
+
+    Raises:
+        agvjax.InputError: the library that makes its design is not installed.
+    """
+    if config.sweep.design in SENSITIVITY and importlib.util.find_spec("SALib") is None:
+        rule = f"one whose libraries are installed (SALib is not: {INSTALL})"
+        raise InputError([Fault("sweep.design", config.sweep.design, rule)])
+    return design(config)
+
+
+def judges(config: Config, plan: Design, laws: Sequence[Law], size: int) -> list[Judge]:
     """For every controller, what makes metrics and `ok` (size,) of the leaves of so many scenarios; compiled."""
     values = plan.values(0, min(size, plan.size))
     example = {name: _padded(value, size) for name, value in values.items()}
-    compiled: dict[Any, Any] = {}
+    compiled: dict[tuple[PyTreeDef, tuple[tuple[int, ...], ...]], jax.stages.Compiled] = {}
 
-    def judge(law: Any, law_values: Any, scenario_values: Any) -> dict[str, Any]:
+    def judge(law: Law, law_values: Leaves, scenario_values: Leaves) -> dict[str, Array]:
         controller = agvjax.batch(law, law_values) if law_values else law
         batch = agvjax.batch(plan.scenario, scenario_values) if scenario_values else plan.scenario
-        metrics = agvjax.evaluate(
-            controller,
-            batch,
-            criteria=agvjax.Criteria.of(kept(config)),
-            **config.timing("sweep"),
-        )
-        return {"ok": metrics.ok, **{name: metrics[name] for name in kept(config)}}
+        criteria = agvjax.Criteria.of(recorded(config))
+        metrics = agvjax.evaluate(controller, batch, criteria=criteria, **config.timing("sweep"))
+        return {"ok": metrics.ok, **{name: metrics[name] for name in recorded(config)}}
 
-    def of(law: Any) -> Judge:
+    def of(law: Law) -> Judge:
         law = agvjax.check(law)
         shape = jax.tree.structure(law), tuple(np.shape(x) for x in jax.tree.leaves(law))
         if shape not in compiled:
@@ -100,7 +116,7 @@ def judges(config: Config, plan: Design, laws: Sequence[Any], size: int) -> list
 
 def run(
     folder: Path,
-    made: Manifest,
+    manifest: Manifest,
     plan: Design,
     every: Sequence[Judge],
     offset: int = 0,
@@ -110,48 +126,48 @@ def run(
 
     Args:
         folder: of the sweep, with its manifest.
-        made: the manifest.
+        manifest: of the sweep.
         plan: its scenarios.
         every: what judges them, one for each controller.
         offset: the shard to begin with; processes that begin at different ones meet late.
         tick: called with the number of scenarios that are done, whoever did them.
     """
-    missing = [i for i in range(made.count) if shards.read_shard(folder, made, i) is None]
-    order = sorted(missing, key=lambda i: (i - offset) % made.count)
-    tick(made.size - sum(made.span(i)[1] for i in order))
+    missing = [i for i in range(manifest.shards) if shards.read_shard(folder, manifest, i) is None]
+    order = sorted(missing, key=lambda i: (i - offset) % manifest.shards)
+    tick(manifest.size - sum(manifest.span(i)[1] for i in order))
     mine, damaged = 0, {i for i in missing if shards.path_of(folder, i).exists()}
+
+    def there(i: int) -> bool:
+        return i not in damaged and shards.path_of(folder, i).exists()
+
     while order:
         left = []
         for i in order:
-            if i not in damaged and shards.path_of(folder, i).exists():
-                tick(made.span(i)[1])  # another process was here
-                continue
-            with shards.held(folder, f"shard-{i:05d}") as ours:
-                if not ours:
-                    left.append(i)
-                    continue
-                if i not in damaged and shards.path_of(folder, i).exists():  # written between the look and the claim
-                    tick(made.span(i)[1])
-                    continue
-                _compute(folder, made, plan, every, i)
-                mine += 1
-                tick(made.span(i)[1])
+            if not there(i):
+                with shards.locked(folder, f"shard-{i:05d}") as ours:
+                    if not ours:
+                        left.append(i)
+                        continue
+                    if not there(i):  # or another process wrote it between the look and the claim
+                        _compute(folder, manifest, plan, every, i)
+                        mine += 1
+            tick(manifest.span(i)[1])
         if left == order:
             time.sleep(WAIT)
         order = left
     return mine
 
 
-def _compute(folder: Path, made: Manifest, plan: Design, every: Sequence[Judge], shard: int) -> None:
-    first, count = made.span(shard)
+def _compute(folder: Path, manifest: Manifest, plan: Design, every: Sequence[Judge], shard: int) -> None:
+    first, count = manifest.span(shard)
     values = plan.values(first, count)
-    padded = {name: _padded(value, min(made.shard, made.size)) for name, value in values.items()}
-    found = [jax.tree.map(lambda x: np.asarray(x)[:count], judge(padded)) for judge in every]
-    results = {name: np.stack([one[name] for one in found]) for name in found[0]}
-    shards.write_shard(folder, made, shard, results, values)
+    padded = {name: _padded(value, manifest.block) for name, value in values.items()}
+    metrics = [{name: np.asarray(x)[:count] for name, x in judge(padded).items()} for judge in every]
+    stacked = {name: np.stack([one[name] for one in metrics]) for name in metrics[0]}
+    shards.write_shard(folder, manifest, shard, stacked, values)
 
 
-def _padded(value: np.ndarray, size: int) -> Any:
+def _padded(value: np.ndarray, size: int) -> np.ndarray:
     """Filled up with copies of the first, so that one compilation serves every shard; in the run's dtype."""
     more = np.repeat(value[:1], size - len(value), axis=0)
     return np.concatenate([value, more]).astype(jax.numpy.result_type(float))

@@ -1,0 +1,69 @@
+"""The end of a sweep: one of the processes that rolled it out judges it and writes the report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .. import config as configuration
+from ..config.settings import Config
+from ..io import files
+from ..io.pages import html
+from . import figures, page, results, shards, verdict, work
+from .design import Design
+from .laws import Laws
+from .shards import Manifest
+
+
+def conclude(
+    config: Config,
+    folder: Path,
+    manifest: Manifest,
+    plan: Design,
+    laws: Laws,
+    judges: Sequence[work.Judge],
+    say: Callable[[str], None],
+) -> None:
+    """Write the report of a sweep whose shards are all there, unless another process does.
+
+    Args:
+        config: of the sweep, with what counts as a failure now.
+        folder: of the sweep.
+        manifest: of the sweep.
+        plan: its scenarios.
+        laws: its controllers.
+        judges: what judged them.
+        say: is told what is done, and the report.
+    """
+    text = configuration.dump(config)
+    while not _reported(folder, text):
+        with shards.locked(folder, "report") as ours:
+            if ours and not _reported(folder, text):
+                (folder / "report.html").unlink(missing_ok=True)
+                files.write(folder / "config.toml", text)
+                say("looking at the results ...")
+                say(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder))
+                say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
+                shards.sweep_up(folder)
+                return
+        time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
+    say(f"complete, with its report: {folder}/report.html")
+
+
+def _reported(folder: Path, text: str) -> bool:
+    """Whether the report is there, for these settings."""
+    return (folder / "report.html").exists() and (folder / "config.toml").read_text(encoding="utf-8") == text
+
+
+def _write(config: Config, swept: results.Results, laws: Laws, judges: Sequence[work.Judge], folder: Path) -> str:
+    """Findings, figures and report; the report as text."""
+    judged = verdict.judge(config, swept, laws, judges)
+    drawn = figures.every(swept, judged.bounds, judged.which, judged.indices)
+    for name, figure in drawn.items():
+        files.write_figure(folder / f"{name}.png", figure)
+    text = page.page(swept, judged, [f"{name}.png" for name in drawn], str(folder))
+    files.write_json(folder / "findings.json", page.as_json(swept, judged))
+    files.write(folder / "report.md", text)
+    files.write(folder / "report.html", html(text, folder, "Sweep"))
+    return text
