@@ -183,7 +183,7 @@ def test_shards_hold_what_single_runs_give(small, tmp_path):
     made, count = rolled(tmp_path, small)
     assert count == 3 and [made.span(i) for i in range(made.shards)] == [(0, 7), (7, 7), (14, 6)]
     whole = [shards.read_shard(tmp_path, made, i) for i in range(3)]
-    rmse = np.concatenate([part["result/rmse"][0] for part in whole])
+    rmse = np.concatenate([part["result/total_rmse"][0] for part in whole])
     assert len(set(rmse)) == 20
     for number in (0, 6, 13, 19):
         law, scenario = plan.split({name: value[0] for name, value in plan.values(number, 1).items()})
