@@ -11,9 +11,14 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import Sampled, Scenario, simulate
+from agvjax import Metrics, Sampled, Scenario, simulate
+from agvjax.metric_table import METRICS
 from commands import FAST, ROOT, run
 from tuning import config as configuration
+from tuning.cli.main import main
+from tuning.compute import compiled
+from tuning.export import FORMATS
+from tuning.tune.rules import faults
 
 SMALL = {
     "simulate": FAST,
@@ -94,6 +99,29 @@ def test_the_law_of_the_page_is_that_of_the_notebooks(folder):
         return ast.unparse(tree)
 
     assert bare((folder / "my_law.py").read_text()) == bare((ROOT / "notebooks" / "my_law.py").read_text())
+
+
+def test_a_metric_is_a_row_and_what_it_is_of_a_run(here, monkeypatch):
+    name = "total_overshoot"
+    monkeypatch.setattr(Metrics, name, None, raising=False)  # both are taken back afterwards
+    monkeypatch.setitem(METRICS, name, None)
+    config = configuration.load(
+        [], [f"tune.goals.{name}=1.0", f'sweep.metrics=["{name}"]'], faults, imports=[f"{name}.py"]
+    )
+    assert set(config.tune.goals) == {name} == set(config.sweep.metrics)
+    run = agvjax.evaluate(config.controller, config.scenario, dt=0.01, n_steps=100)
+    np.testing.assert_allclose(
+        run[name], run["overshoot_x"] + run["overshoot_y"] + run["overshoot_heading"], rtol=1e-12
+    )
+
+
+def test_an_exporter_is_a_file_and_a_row(here, monkeypatch):
+    monkeypatch.setattr(compiled, "keep_compiled", lambda: None)
+    for name, module in {**FORMATS, "listing": "listing"}.items():
+        monkeypatch.setitem(FORMATS, name, module)
+    gains = ROOT / "tests" / "data" / "before-rooms" / "configs" / "gains-sampled" / "gains.toml"
+    assert main(["export", str(gains), "--format", "listing", "--out", "listed", "--quiet"]) == 0
+    assert "inner.k1 = 3.0 1/s" in (here / "listed" / "gains.txt").read_text()
 
 
 def commands():

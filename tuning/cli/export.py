@@ -13,14 +13,13 @@ import jax
 from agvjax import Fault, InputError
 
 from ..compute import compiled
-from ..export import artefact
+from ..export import FORMATS, artefact
 from ..io import files
 from .console import Console
 from .folders import new_folder
 from .prepare import overrides
 
 TAKEN = sys.stdlib_module_names | {"numpy", "rclpy"}
-MODULES = {"c": "c", "numpy": "numpy_file", "ros2": "ros2", "stablehlo": "stablehlo"}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,9 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     jax.config.update("jax_enable_x64", True)
     compiled.keep_compiled()
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
-    module = importlib.import_module(
-        f"..export.{MODULES[arguments.format]}", __package__
-    )  # late: each has its own needs
+    module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
     try:
         made = module.files(found, name or module.NAME)
     except ValueError as error:

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ..export import FORMATS
+
 
 class Option(NamedTuple):
     """An option as `argparse` takes it: its names and keywords."""
@@ -100,7 +102,7 @@ EXPORT = Command(
     "the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO",
     (
         _option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
-        _option("--format", choices=("c", "numpy", "ros2", "stablehlo"), required=True),
+        _option("--format", choices=FORMATS, required=True),
         _option("--name", help="of files, functions and package"),
     ),
 )

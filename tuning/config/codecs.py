@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import agvjax
@@ -88,7 +88,7 @@ def _axes() -> Codec:
 
 def _judged(
     of: Callable[[float], Any],
-    names: Sequence[str] = (),
+    names: Collection[str] = (),
     base: Callable[[agvjax.Plant], Mapping[str, Any]] = lambda plant: {},
     blank: str = "",
 ) -> Codec:
@@ -107,7 +107,7 @@ def _judged(
         for name, value in table.items():
             part = f"{key}.{name}"
             if names and name not in names:
-                reader.unknown(part, value, names)
+                reader.unknown(part, value, tuple(names))
             elif isinstance(value, Mapping):
                 values[name] = reader.fields(part, usual, value)
                 taken += [name] if values[name] == usual and not blank else []
@@ -204,8 +204,8 @@ CODECS = {
     "tune.gains": _names(0),
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
-    "tune.goals": _judged(lambda x: Weights(mean=x), tuple(METRICS)),
-    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), tuple(METRICS), _default_limits),
+    "tune.goals": _judged(lambda x: Weights(mean=x), METRICS),
+    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), METRICS, _default_limits),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
     "sweep.metrics": _names(),
