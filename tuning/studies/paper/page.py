@@ -312,7 +312,7 @@ Largest derivative of a command in xi1 along the run: {found.lyapunov["sensitivi
 
 {image("lyapunov")}
 
-The corrected bounds, their proof and what they are conditional on are in `tuning/studies/paper/bounds.py` (reading R14).
+The corrected bounds, their proof and what they are conditional on are in `tuning/studies/paper/bounds.py` (R14).
 
 {constants(found)}
 
