@@ -22,6 +22,9 @@ silent or contradicts itself is marked `reading R..` where it matters.
 | `gamma1, gamma2, eta1, eta2, b1, b2` | the same | adaptation, eqs. (41), (45), (63), (67) |
 """
 
+import importlib
+import warnings
+
 from ._pytree import FRACTION as FRACTION
 from ._pytree import NONNEGATIVE as NONNEGATIVE
 from ._pytree import POSITIVE as POSITIVE
@@ -135,3 +138,15 @@ from .simulate import simulate as simulate
 from .timing import Timing as Timing
 
 __version__ = "0.1.0"
+
+_RENAMED = {"Problem": "Fault", "problems": "faults", "step_problems": "step_faults", "path_problems": "path_warnings"}
+_MOVED = {"plot": "draw.plot", "animate": "draw.animate"}
+
+
+def __getattr__(name: str) -> object:
+    """A name of earlier releases."""
+    if name not in _RENAMED and name not in _MOVED:
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    now = _RENAMED.get(name) or _MOVED[name]
+    warnings.warn(f"agvjax.{name} is agvjax.{now}", DeprecationWarning, stacklevel=2)
+    return globals()[now] if name in _RENAMED else importlib.import_module(f".{now}", __name__)
