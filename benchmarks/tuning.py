@@ -59,7 +59,7 @@ def contest(
 
     optimizer = f"tune.optimizer={method if method in OURS else 'sqp'}"
     tuner = pose(configuration.load(list(files), [optimizer, *settings])).tuner
-    middle = tuner.free.coordinates(tuner.controller)
+    middle = tuner.gains.coordinates(tuner.controller)
     shift = np.random.default_rng(seed).uniform(-SPREAD, SPREAD, middle.size) if seed else np.zeros(middle.size)
     start = np.asarray(middle) + shift
     _ = tuner.reference
@@ -70,7 +70,7 @@ def contest(
             before, progress = progress.rollouts, tuner.advance(progress)
             recorder.saw(progress.history[-1][1], progress.rollouts - before)
     else:
-        judge = jax.jit(lambda z: tuner.cost_of(*tuner.values(z, tuner.scenarios))[0])
+        judge = jax.jit(lambda z: tuner.cost_of(*tuner.values(z, tuner.scenarios()))[0])
         judge(start).block_until_ready()
         recorder = Recorder(min(budget, TPE_BUDGET) if method == "tpe" else budget)
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .sweep.results import Results as Results
     from .sweep.results import load as load
     from .sweep.work import run_sweep as run_sweep
-    from .tune.gains import Free as Free
+    from .tune.gains import Gains as Gains
     from .tune.objective import Objective as Objective
     from .tune.objective import Requirement as Requirement
     from .tune.objective import within as within
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "ensemble.draws": ("Between", "Distribution", "OneOf", "Span", "Times", "default_draws", "sample"),
-    "tune.gains": ("Free",),
+    "tune.gains": ("Gains",),
     "tune.objective": ("Objective", "Requirement", "within"),
     "tune.tuner": ("Progress", "Tuner"),
     "tune.problem": ("pose",),

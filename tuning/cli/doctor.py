@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     tuner = pose(dataclasses.replace(config, tune=alone)).tuner
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "tune")
-    console.say(f"examining {len(tuner.free.names)} gains on {tuner.batch.size} scenarios ...")
+    console.say(f"examining {len(tuner.gains.names)} gains on {tuner.batch.size} scenarios ...")
     with failing():
         diagnosis = doctor.diagnose(tuner)
     text = doctor.page(diagnosis)

@@ -15,29 +15,29 @@ from ..io.pages import grid
 from ..tune import pareto
 from ..tune.judge import judged, validation
 from ..tune.problem import pose
+from ..tune.ready import steered
 from ..tune.rules import faults
 from .console import RunFailed, failing
 from .folders import new_folder
 from .prepare import configure, warn
-from .tune import steered
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
     config, console = configure(arguments, faults)
-    posed = pose(config)
+    problem = pose(config)
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "tune", "simulate")
-    settings, names = config.pareto, posed.tuner.free.names
+    settings, names = config.pareto, problem.tuner.gains.names
     factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
-    goal = posed.tuner.objective.goals[0].metric
+    goal = problem.tuner.objective.goals[0].metric
     with console.bar(len(factors), "point") as bar, failing():
 
         def done(point: pareto.Point) -> None:
             bar.set_postfix_str(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}", refresh=False)
             bar.update()
 
-        points = pareto.front(steered(posed), settings.metric, factors, done)
+        points = pareto.front(steered(problem), settings.metric, factors, done)
     unseen = validation(config)
     values = [
         _worth(judged(config, law, unseen), (settings.metric, goal))

@@ -15,7 +15,7 @@ from .. import config as configuration
 from ..compute import compiled, processes
 from ..config.rules import Rules, faults
 from ..config.settings import Config
-from ..tune.tuner import SEQUENTIAL, mode
+from ..tune.methods import method
 from .console import Console, RunFailed
 
 
@@ -36,8 +36,8 @@ def configure(
     config = configuration.load(arguments.config, overrides(arguments), rules, more, arguments.imports, note=old.append)
     jax.config.update("jax_enable_x64", config.precision == 64)
     compiled.keep_compiled()
-    way = mode(config.tune.gradient, len(config.tune.gains)) if config.tune.optimizer != SEQUENTIAL else "forward"
-    reverse = arguments.command in ("tune", "pareto") and way == "reverse"
+    way = method(config.tune.optimizer)
+    reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(config.tune.gains))
     speed = agvjax.tune_xla(reverse=reverse)
     if arguments.coordinator is not None:
         _meet(arguments.coordinator, arguments.process_id, arguments.num_processes)

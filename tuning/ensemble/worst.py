@@ -103,8 +103,7 @@ class Adversary:
     starts: int = 7  # ascents for each metric
     iterations: int = 8
     checks: int = 10_000  # samples that the final statement rests on besides
-    climbing: Callable[[Any, Any], Any] | None = None  # `climb` and `look` of this very problem, compiled before
-    looking: Callable[[Any, Any], Any] | None = None
+    compiled: tuple[Callable[..., Any], Callable[..., Any]] | None = None  # `climb` and `look`, compiled before
 
     @functools.cached_property
     def box(self) -> Box:
@@ -133,9 +132,9 @@ class Adversary:
         return jnp.where(ok, values, jnp.inf)
 
     @functools.cached_property
-    def compiled(self) -> tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]]:
+    def functions(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
         """`climb` and `look`, jitted."""
-        return self.climbing or gathered(jax.jit(self.climb)), self.looking or gathered(jax.jit(self.look))
+        return self.compiled or (gathered(jax.jit(self.climb)), gathered(jax.jit(self.look)))
 
     def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Arguments of the right shapes, after z, for `climb` and for `look`."""
@@ -143,7 +142,7 @@ class Adversary:
 
     def _values(self, z: Any, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """`look` at any number of scenarios, a chunk at a time."""
-        count, look = len(next(iter(leaves.values()))), self.compiled[1]
+        count, look = len(next(iter(leaves.values()))), self.functions[1]
         rows = [np.minimum(np.arange(i, i + CHUNK), count - 1) for i in range(0, count, CHUNK)]  # the last repeats one
         return np.concatenate([np.asarray(look(z, {n: x[r] for n, x in leaves.items()})) for r in rows], 1)[:, :count]
 
@@ -191,7 +190,7 @@ class Adversary:
                 change, state = method.update(-slope, state)
                 return jnp.clip(u + change, 0.0, 1.0), state
 
-        move, climb = jax.jit(step), self.compiled[0]
+        move, climb = jax.jit(step), self.functions[0]
         state, best, at = method.init(u), np.full(len(row), -np.inf), np.asarray(u)
         for _ in range(self.iterations):
             values, ok, slopes = climb(z, u)

@@ -59,14 +59,14 @@ class Findings(NamedTuple):
 
 def analyse(tuner: Tuner, z: Any) -> Findings:
     """What one look at the Jacobian at z says."""
-    model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios))
-    scale = tuner.free.scales(z)
-    return Findings(tuner.free.names, standings(tuner, model, scale), identifiability(tuner, model, scale))
+    model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios()))
+    scale = tuner.gains.scales(z)
+    return Findings(tuner.gains.names, standings(tuner, model, scale), identifiability(tuner, model, scale))
 
 
 def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
     """Of every requirement: its level, its slope in every gain, and of a limit its price."""
-    objective, reference = tuner.objective, tuner.reference
+    objective, reference = tuner.objective, tuner.baseline
     levels, relative = relative_slopes(tuner, model, scale)
     solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
     goal = float(np.dot([g.value for g in objective.goals], levels[: len(objective.goals)]))
@@ -86,7 +86,7 @@ def relative_slopes(tuner: Tuner, model: tuple[Any, ...], scale: np.ndarray) -> 
     A level of zero has no relative change: there it is the absolute one.
     """
     values, ok, slopes = model
-    level = jax.jit(lambda v: (tuner.objective.levels(v, jnp.asarray(ok), tuner.reference),) * 2)
+    level = jax.jit(lambda v: (tuner.objective.levels(v, jnp.asarray(ok), tuner.baseline),) * 2)
     weights, levels = (np.asarray(x) for x in jax.jit(jax.jacrev(level, has_aux=True))(jnp.asarray(values)))
     return levels, np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.where(levels == 0, 1.0, levels)[:, None]
 
@@ -95,7 +95,7 @@ def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarr
     """From the slopes of every metric that matters in every scenario, each relative to its own reference."""
     _, ok, slopes = model
     real = ok & (tuner.objective.shares(ok.size) > 0)
-    table = slopes[:, :, real] / tuner.objective.scale(tuner.reference)[None, :, None] * scale[:, None, None]
+    table = slopes[:, :, real] / tuner.objective.scale(tuner.baseline)[None, :, None] * scale[:, None, None]
     matrix = table.reshape(len(scale), -1).T
     _, found, rows = np.linalg.svd(matrix / np.sqrt(len(matrix)))
     strength = np.pad(found, (0, len(scale) - len(found)))
@@ -111,10 +111,10 @@ def conflict(tuner: Tuner, z: Any) -> list[tuple[Requirement, float, float]]:
     Where no change of the gains lowers the sum of excesses, the slopes of these limits cancel: what lowers one raises
     another. Elsewhere there is nothing to show and the list is empty.
     """
-    model = tuner.push(z, tuner.scenarios)
+    model = tuner.push(z, tuner.scenarios())
     objective = tuner.objective._replace(goals=tuple(g._replace(value=0.0) for g in tuner.objective.goals), penalty=1.0)
     levels = np.asarray(tuner.weigh(*model)[0].levels)[len(objective.goals) :]
-    solution = sqp.solve(model, objective, tuner.reference, radius=0.01)
+    solution = sqp.solve(model, objective, tuner.baseline, radius=0.01)
     if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
         return []  # it could still be lowered: no conflict is shown
     prices = solution.prices

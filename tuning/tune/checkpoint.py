@@ -11,32 +11,55 @@ from typing import Any
 import jax
 import numpy as np
 
+from agvjax import Fault, InputError
 from agvjax.metric_table import OLD_NAMES
 
+from ..config import dump, gains_table
 from ..io.files import write, write_csv, write_npz
-from .rounds import COLUMNS, Round, Run
-from .tuner import Progress
+from .methods.method import Progress
+from .problem import TuningProblem
+from .rounds import COLUMNS, Round, Run, begin
 
 CHECKPOINT, LOG = "checkpoint.npz", "metrics.jsonl"
 COUNTS = ("round", "start", "iteration", "latched", "clipped", "backed_out", "rollouts")
 
 
-def write_history(folder: Path, names: tuple[str, ...], run: Run) -> None:
-    """`history.csv`, a row an iteration and start."""
-    write_csv(folder / "history.csv", (*COLUMNS, *names), [_whole(row) for row in run.history])
+class Recorder:
+    """The folder of a run while its search goes on; a crash loses at most what came after the last checkpoint."""
 
+    def __init__(self, folder: Path, problem: TuningProblem):
+        self.folder, self.problem, self.names = folder, problem, problem.tuner.gains.names
+        self.run = begin(problem)
+        if (folder / CHECKPOINT).exists():
+            try:
+                self.run = load(folder, self.run)
+            except ValueError as error:
+                rule = f"a run with a whole checkpoint ({error})"
+                raise InputError([Fault("--resume", str(folder), rule)]) from error
 
-def write_log(folder: Path, names: tuple[str, ...], run: Run) -> None:
-    """`metrics.jsonl` anew, as far as the run has come."""
-    write(folder / LOG, "".join(_line(names, row) for row in run.history))
+    def begin(self) -> None:
+        """Write the configuration, and the log as far as the run has come."""
+        write(self.folder / "config.toml", dump(self.problem.config))
+        write(self.folder / LOG, "".join(_line(self.names, row) for row in self.run.history))
 
+    def record(self, run: Run) -> None:
+        """After an iteration: a line of the log, and now and then the checkpoint."""
+        self.run = run
+        last = max(p.iteration for p in run.searches)
+        rows = [(run.round, i, *p.history[-1]) for i, p in enumerate(run.searches) if p.iteration == last]
+        with (self.folder / LOG).open("a", encoding="utf-8") as file:
+            file.writelines(_line(self.names, row) for row in rows)
+        if last % self.problem.config.tune.checkpoint_every == 0:
+            save(self.folder, run)
 
-def log(folder: Path, names: tuple[str, ...], run: Run) -> None:
-    """Append the rows of the last iteration to `metrics.jsonl`."""
-    last = max(p.iteration for p in run.searches) - 1
-    rows = [(run.round, i, *p.history[-1]) for i, p in enumerate(run.searches) if p.iteration == last + 1]
-    with (folder / LOG).open("a", encoding="utf-8") as file:
-        file.writelines(_line(names, row) for row in rows)
+    def close(self) -> None:
+        """Also after Ctrl-C: checkpoint, history and the best gains so far."""
+        if self.run.lead.history:
+            save(self.folder, self.run)
+            rows = [_whole(row) for row in self.run.history]
+            write_csv(self.folder / "history.csv", (*COLUMNS, *self.names), rows)
+            if np.isfinite(self.run.lead.best[1]):
+                write(self.folder / "gains.toml", gains_table(self.problem.tuner.best(self.run.lead)))
 
 
 def _whole(row: Iterable[float]) -> list[float]:
@@ -91,16 +114,19 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")
     state = [_same(saved[f"{i}/optimiser/{k}"], leaf) for k, leaf in enumerate(leaves)]
-    counts = {
-        name: int(saved[f"{i}/{name}"]) for name in ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
-    }
-    points = {name: _same(saved[f"{i}/{name}"], fresh.z) for name in ("z", "sound_z", "best_z")}
+    z, sound_z, best_z = (_same(saved[f"{i}/{name}"], fresh.z) for name in ("z", "sound_z", "best_z"))
     return Progress(
+        iteration=int(saved[f"{i}/iteration"]),
+        z=z,
         optimiser=jax.tree.unflatten(treedef, state),
+        sound_z=sound_z,
+        best_z=best_z,
         best=(float(saved[f"{i}/best"][0]), float(saved[f"{i}/best"][1])),
+        best_iteration=int(saved[f"{i}/best_iteration"]),
+        clipped=int(saved[f"{i}/clipped"]),
+        backed_out=int(saved[f"{i}/backed_out"]),
+        rollouts=int(saved[f"{i}/rollouts"]),
         history=[tuple(float(x) for x in row) for row in saved[f"{i}/history"]],
-        **points,
-        **counts,
     )
 
 

@@ -58,8 +58,8 @@ class Diagnosis(NamedTuple):
 
 def diagnose(tuner: Tuner) -> Diagnosis:
     """Gradients against finite differences, and the first step of every run that is not finite, up to three runs."""
-    z = tuner.free.coordinates(tuner.controller)
-    values, ok, slopes = model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios))
+    z = tuner.gains.coordinates(tuner.controller)
+    values, ok, slopes = model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios()))
     bad = np.flatnonzero(~ok | ~np.isfinite(values).all(0) | ~np.isfinite(slopes).all((0, 1)))
     sick = [s for i in bad[:3] for s in [first_bad(tuner, int(i))] if s is not None]
     fine = ok.any() and np.isfinite(slopes).all()
@@ -67,13 +67,13 @@ def diagnose(tuner: Tuner) -> Diagnosis:
 
 
 def _slopes(tuner: Tuner, z: Any, model: Any) -> Iterator[Slope]:
-    objective, reference, names = tuner.objective, tuner.reference, tuner.free.names
+    objective, reference, names = tuner.objective, tuner.baseline, tuner.gains.names
     level = jax.jit(lambda values, ok: objective.levels(values, ok, reference))
 
     def levels(at: Any) -> np.ndarray:
-        return np.asarray(level(*tuner.roll(at, tuner.scenarios)), float)
+        return np.asarray(level(*tuner.roll(at, tuner.scenarios())), float)
 
-    scale = tuner.free.scales(z)
+    scale = tuner.gains.scales(z)
     here, gradient = relative_slopes(tuner, model, scale)
     per = scale / np.where(here == 0, 1.0, here)[:, None]
     accuracy = float(np.finfo(z.dtype).eps)
@@ -95,18 +95,18 @@ def _slopes(tuner: Tuner, z: Any, model: Any) -> Iterator[Slope]:
 
 def first_bad(tuner: Tuner, index: int) -> Sick | None:
     """The first step of a scenario of the ensemble at which a signal or its slope in a gain is not finite."""
-    z, dtype = tuner.free.coordinates(tuner.controller), jnp.result_type(float)
+    z, dtype = tuner.gains.coordinates(tuner.controller), jnp.result_type(float)
     scenario = cast(tuner.batch[index], dtype)
     run = functools.partial(agvjax.simulate, **tuner.timing)
     along = jax.jit(
         jax.vmap(
-            lambda v: jax.jvp(lambda z: run(tuner.free.controller(z, tuner.controller), scenario), (z,), (v,)),
+            lambda v: jax.jvp(lambda z: run(tuner.gains.controller(z, tuner.controller), scenario), (z,), (v,)),
             out_axes=(None, 0),
         )
     )
     trajectory, tangent = along(jnp.eye(z.size, dtype=z.dtype))
     found = list(_not_finite(trajectory, "", tuner.timing.dt, index))
-    for k, name in enumerate(tuner.free.names):
+    for k, name in enumerate(tuner.gains.names):
         rows = jax.tree.map(lambda x, k=k: x[k], tangent)
         found += _not_finite(rows, f"slope in {name} of ", tuner.timing.dt, index)
     if found:

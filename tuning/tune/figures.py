@@ -15,7 +15,8 @@ from .analysis import Findings, Standing
 from .rounds import COLUMNS, Run
 
 
-def _signed(x: float) -> str:
+def signed(x: float) -> str:
+    """Of a slope, two digits with its sign; 0 where it is less than half a percent."""
     return f"{x:+.2f}" if abs(x) >= 0.005 else "0"
 
 
@@ -66,7 +67,7 @@ def sensitivity_figure(findings: Findings) -> Figure:
     axes.imshow(table, cmap="RdBu_r", vmin=-top, vmax=top, aspect="auto")
     for (i, k), value in np.ndenumerate(table):
         color = "w" if abs(value) > 0.6 * top else "k"
-        axes.text(k, i, _signed(value), ha="center", va="center", fontsize=8, color=color)
+        axes.text(k, i, signed(value), ha="center", va="center", fontsize=8, color=color)
     axes.set_xticks(range(len(names)), names, fontsize=9)
     axes.set_yticks(range(len(rows)), [_label(s) for s in rows], fontsize=9)
     axes.set_title("relative change of a requirement per relative change of a gain", fontsize=9)

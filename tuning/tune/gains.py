@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,12 +11,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import agvjax
+from agvjax import Law, Scenario
 from agvjax.leaves import get, rule_of
 
+from ..config.settings import Config
 from ..ensemble.draws import Draw, lowest
 
 
-class Free(NamedTuple):
+class Gains(NamedTuple):
     """The tuned gains and their open intervals; a gain with one bound moves in the logarithm of its distance to it.
 
     A gain that is `tied` follows a tuned one at a fixed ratio: name -> (which, ratio).
@@ -26,8 +28,26 @@ class Free(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     tied: Mapping[str, tuple[str, float]] = {}
+    stability: Mapping[str, float] = {}  # what they must exceed by the law's own conditions, times the margin
 
-    def coordinates(self, controller: Any) -> Float[Array, " K"]:
+    @classmethod
+    def of(cls, config: Config) -> Gains:
+        """The gains of a configuration, with every bound: rules, stability, step, and the user's own."""
+        settings, law, timing = config.tune, config.controller, config.timing("tune")
+        conditions = stability_bounds(law, config.scenario, config.ensemble.draws)
+        stability = {name: settings.stability_margin * bound for name, bound in conditions.items()}
+        names = (*settings.gains, *settings.tied)
+        slowest = max(settings.dt, 1 / settings.sample_rate) if settings.sample_rate else settings.dt
+        bounds = default_bounds(law, names, stability, slowest, timing.integrator)
+        for name, (low, high) in settings.bounds.items():
+            if rule_of(law, name) is not None:  # a gain without a rule may go wherever the user says
+                low, high = max(low, bounds[name][0]), min(high, bounds[name][1])
+            bounds[name] = (low, high)
+        tied = tie(law, settings.tied, bounds, {name: bounds[name] for name in settings.tied})
+        lower, upper = (np.array([bounds[name][side] for name in settings.gains]) for side in (0, 1))
+        return cls(settings.gains, lower, upper, tied, stability)
+
+    def coordinates(self, controller: Law) -> Float[Array, " K"]:
         """Where a controller stands. Its gains must lie strictly inside the bounds; see `faults`."""
         x = np.array([float(get(controller, name)) for name in self.names])
         low, high = np.isfinite(self.lower), np.isfinite(self.upper)
@@ -35,7 +55,7 @@ class Free(NamedTuple):
         below = np.log(np.where(high, self.upper - x, 1.0))
         return jnp.asarray(np.where(low | high, above - below, x))
 
-    def controller(self, z: Float[Array, " K"], like: Any) -> Any:
+    def controller(self, z: Float[Array, " K"], like: Law) -> Law:
         """The controller at z; what is not tuned is taken from `like`."""
         gains = dict(zip(self.names, self._gains(z), strict=True))
         gains |= {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
@@ -52,13 +72,18 @@ class Free(NamedTuple):
         above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
         return jnp.select([jnp.asarray(c) for c in cases], [inside, lower + above, upper - below], z)
 
+    def values(self, z: Float[Array, " K"], like: Law) -> list[float]:
+        """The tuned gains at z, in the order of their names."""
+        leaves = agvjax.leaves(self.controller(z, like))
+        return [float(leaves[name]) for name in self.names]
+
     def scales(self, z: Float[Array, " K"]) -> np.ndarray:
         """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
         x, slope = jax.jvp(self._gains, (z,), (jnp.ones_like(z),))
         moves = np.asarray(slope) != 0
         return np.where(moves, np.asarray(x) / np.where(moves, slope, 1.0), 0.0)
 
-    def faults(self, controller: Any) -> list[agvjax.Fault]:
+    def faults(self, controller: Law) -> list[agvjax.Fault]:
         """Gains that do not lie strictly inside their bounds."""
         found = []
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
@@ -71,7 +96,7 @@ class Free(NamedTuple):
         return found
 
 
-def smallest_slopes(scenario: Any, draws: Mapping[str, Draw]) -> tuple[float, float]:
+def smallest_slopes(scenario: Scenario, draws: Mapping[str, Draw]) -> tuple[float, float]:
     """Pi_min of position and heading: the smallest slopes that occur in the ensemble."""
     sides = ("slope_right", "slope_left")
     position, heading = (
@@ -81,7 +106,7 @@ def smallest_slopes(scenario: Any, draws: Mapping[str, Draw]) -> tuple[float, fl
     return position, heading
 
 
-def stability_bounds(controller: Any, scenario: Any, draws: Mapping[str, Draw]) -> dict[str, float]:
+def stability_bounds(controller: Law, scenario: Scenario, draws: Mapping[str, Draw]) -> dict[str, float]:
     """What the law's own stability conditions ask of its gains; empty for a law or a plant without any."""
     if set(scenario.deadzone) != {"position", "heading"}:
         return {}
@@ -89,7 +114,7 @@ def stability_bounds(controller: Any, scenario: Any, draws: Mapping[str, Draw]) 
 
 
 def default_bounds(
-    controller: Any, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
+    controller: Law, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
 ) -> dict[str, tuple[float, float]]:
     """What each gain's own rule allows, the stability conditions, and what a step of `dt` can integrate of the law."""
     upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
@@ -105,7 +130,10 @@ def default_bounds(
 
 
 def tie(
-    controller: Any, tied: Mapping[str, str], bounds: dict[str, tuple[float, float]], allowed: Mapping[str, Any]
+    controller: Law,
+    tied: Mapping[str, str],
+    bounds: dict[str, tuple[float, float]],
+    allowed: Mapping[str, tuple[float, float]],
 ) -> dict[str, tuple[str, float]]:
     """Ratios of the tied gains to those they follow, whose `bounds` are narrowed to what the tied ones allow."""
     found = {}

@@ -21,7 +21,7 @@ class Requirement(NamedTuple):
     metric: str
     statistic: str  # one of STATISTICS
     value: float
-    absolute: bool = False  # of a limit: in the metric's own unit and not in multiples of the reference
+    absolute: bool = False  # of a limit: in the metric's own unit and not in multiples of the baseline
 
     @property
     def name(self) -> str:
@@ -47,8 +47,8 @@ class Score(NamedTuple):
 class Objective(NamedTuple):
     """Minimise the goals, each times its weight, and keep the limits, over an ensemble.
 
-    Goals are ratios to a `reference`: the same statistic of the same metric with the starting gains, or of another law.
-    Limits are multiples of that reference, or absolute. A run that diverged counts `latched` times the `scale` of each
+    Goals are ratios to a `baseline`: the same statistic of the same metric with the starting gains, or of another law.
+    Limits are multiples of that baseline, or absolute. A run that diverged counts `latched` times the `scale` of each
     metric and sends no gradient.
     """
 
@@ -76,7 +76,7 @@ class Objective(NamedTuple):
 
     @property
     def places(self) -> list[tuple[int, int]]:
-        """Of every requirement: row of its statistic and column of its metric in a reference."""
+        """Of every requirement: row of its statistic and column of its metric in a baseline."""
         return [(STATISTICS.index(r.statistic), self.names.index(r.metric)) for r in self.requirements]
 
     def values(self, metrics: agvjax.Metrics) -> tuple[Float[Array, "M B"], Bool[Array, " B"]]:
@@ -97,7 +97,7 @@ class Objective(NamedTuple):
         taken = jnp.clip(self.tail - (jnp.cumsum(parts, axis=1) - parts), 0, parts) / self.tail
         return jnp.stack([values @ shares, jnp.max(values, axis=1), jnp.sum(taken * ranked, axis=1)])
 
-    def reference(self, values: Float[Array, "M B"], ok: Bool[Array, " B"]) -> np.ndarray:
+    def baseline(self, values: Float[Array, "M B"], ok: Bool[Array, " B"]) -> np.ndarray:
         """The statistics (3, M) of the runs that did not diverge.
 
         Raises:
@@ -118,32 +118,32 @@ class Objective(NamedTuple):
                 )
         return found
 
-    def units(self, reference: Any) -> np.ndarray:
-        """What each requirement's statistic is divided by: a goal's reference, a limit's bound."""
-        table = np.asarray(reference)
+    def units(self, baseline: Any) -> np.ndarray:
+        """What each requirement's statistic is divided by: a goal's baseline, a limit's bound."""
+        table = np.asarray(baseline)
         bounds = [
             r.value if r.absolute else r.value * table[p] for r, p in zip(self.requirements, self.places, strict=True)
         ]
         return np.array([*(table[p] for p in self.places[: len(self.goals)]), *bounds[len(self.goals) :]])
 
-    def scale(self, reference: Any) -> np.ndarray:
-        """Of every metric (M,) the size that counts: the worst of the reference or, if larger, a limit's bound."""
-        size = np.array(np.asarray(reference)[1], float)
+    def scale(self, baseline: Any) -> np.ndarray:
+        """Of every metric (M,) the size that counts: the worst of the baseline or, if larger, a limit's bound."""
+        size = np.array(np.asarray(baseline)[1], float)
         limits = slice(len(self.goals), None)
-        for (_, metric), bound in zip(self.places[limits], self.units(reference)[limits], strict=True):
+        for (_, metric), bound in zip(self.places[limits], self.units(baseline)[limits], strict=True):
             size[metric] = max(size[metric], bound)
         return size
 
-    def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Float[Array, " R"]:
+    def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], baseline: Any) -> Float[Array, " R"]:
         """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
-        diverged = jnp.asarray(self.latched * self.scale(reference), values.dtype)
+        diverged = jnp.asarray(self.latched * self.scale(baseline), values.dtype)
         found = self.statistics(jnp.where(ok, values, diverged[:, None]))
         rows, columns = (list(x) for x in zip(*self.places, strict=True))
-        return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(reference), values.dtype)
+        return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(baseline), values.dtype)
 
-    def score(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], reference: Any) -> Score:
+    def score(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], baseline: Any) -> Score:
         """Cost and what it is made of."""
-        levels = self.levels(values, ok, reference)
+        levels = self.levels(values, ok, baseline)
         goal = jnp.dot(jnp.asarray([g.value for g in self.goals], levels.dtype), levels[: len(self.goals)])
         over = levels[len(self.goals) :] - 1
         cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,17 +12,17 @@ import agvjax
 from agvjax.metric_table import METRICS, metrics_of
 
 from ..ensemble.worst import statement
-from ..io.pages import grid
+from ..io import files
+from ..io.pages import grid, html
+from . import figures
 from .analysis import Findings
-from .figures import _signed
-from .judge import Judged, Verdict
+from .judge import Summary, TuneVerdict
 from .rounds import COLUMNS, Outcome, Round
-from .tuner import SEQUENTIAL
 
 SHOWN = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
 
 
-def comparison(before: Judged, after: Judged, metrics: Sequence[str]) -> str:
+def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
     """Before, after and their ratio, as a Markdown table."""
     rows = []
     for name in metrics:
@@ -55,7 +56,7 @@ def standings(findings: Findings) -> str:
         kind = "limit" if s.limit else "goal"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
-        slopes = [_signed(x) for x in s.slopes]
+        slopes = [figures.signed(x) for x in s.slopes]
         rows.append(
             [
                 s.requirement.name,
@@ -104,10 +105,10 @@ def rounds(rows: Sequence[Round]) -> str:
     )
 
 
-def page(outcome: Outcome, verdict: Verdict) -> str:
+def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     """`report.md`."""
-    posed, run, p = outcome.posed, outcome.run, outcome.progress
-    config, objective, free = posed.config, posed.tuner.objective, posed.tuner.free
+    problem, run, p = outcome.problem, outcome.run, outcome.progress
+    config, objective, tuned = problem.config, problem.tuner.objective, problem.tuner.gains
     settings, before, after = config.tune, verdict.before, verdict.after
     delivered = sorted(name for name, row in METRICS.items() if row.delivered)
     own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *delivered)
@@ -117,11 +118,7 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     places = len({row[1] for row in run.history if row[0] == 0})
     starts = f" from {places} starts" if places > 1 else ""
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
-    clipped = (
-        ""
-        if settings.optimizer == SEQUENTIAL
-        else f" {run.total('clipped')} gradients clipped to norm {settings.clip:g},"
-    )
+    clipped = problem.tuner.method.note(run.total("clipped"))
     counts = (
         f"{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')} rollouts of the"
         f" ensemble (a gradient counts 1 + its tangents), best at iteration {p.best_iteration}; {latched} of them with"
@@ -134,7 +131,7 @@ def page(outcome: Outcome, verdict: Verdict) -> str:
     said = "\n".join(f"* {line}" for line in [*statement(found), *_known(outcome)])
     return f"""# Tuned gains
 
-{gains((*free.names, *free.tied), config.controller, outcome.controller, posed.stability)}
+{gains((*tuned.names, *tuned.tied), config.controller, outcome.controller, tuned.stability)}
 
 "Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
 deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction. The gains are in
@@ -167,7 +164,7 @@ of the gain, at the tuned gains.
 
 {rounds(outcome.rounds)}
 
-The box holds every value that the ensemble can draw{_cut(posed)}; "worst in the ensemble" includes scenarios that
+The box holds every value that the ensemble can draw{_cut(problem)}; "worst in the ensemble" includes scenarios that
 earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ## How it went
@@ -194,12 +191,12 @@ def _path(config: Any) -> str:
 def _known(outcome: Outcome) -> list[str]:
     if not outcome.worse:
         return []
-    rounds = outcome.posed.config.tune.search.rounds
+    rounds = outcome.problem.config.tune.search.rounds
     more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
     return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
 
 
-def _unmet(verdict: Verdict) -> str:
+def _unmet(verdict: TuneVerdict) -> str:
     text = "**Limits not met:** " + "; ".join(verdict.over) + "."
     return text + (" " + " ".join(verdict.conflict) if verdict.conflict else "")
 
@@ -213,6 +210,38 @@ def _smooth_note(names: Sequence[str]) -> str:
     )
 
 
-def _cut(posed: Any) -> str:
-    tailed = [n for n, d in posed.config.ensemble.draws.items() if d.tailed]
+def _cut(problem: Any) -> str:
+    tailed = [n for n, d in problem.config.ensemble.draws.items() if d.tailed]
     return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
+
+
+def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
+    """Report, figures and `worst.json` into a folder; returns the report."""
+    config, tuner = outcome.problem.config, outcome.problem.tuner
+    scenes = {"nominal": ("nominal scenario", config.scenario)}
+    scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
+    for name, (title, scene) in scenes.items():
+        before, after = (
+            agvjax.simulate(
+                agvjax.check(law), agvjax.check(scene), save_every=config.simulate.save_every, **config.timing()
+            )
+            for law in (config.controller, outcome.controller)
+        )
+        files.write_figure(out / f"{name}.png", figures.tracking_figure(before, after, title))
+    files.write_figure(out / "history.png", figures.history_figure(tuner.gains.names, outcome.run))
+    files.write_figure(out / "sensitivity.png", figures.sensitivity_figure(verdict.findings))
+    files.write_json(out / "worst.json", _worst(outcome))
+    text = markdown(outcome, verdict)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "Tuned gains"))
+    return text
+
+
+def _worst(outcome: Outcome) -> Mapping[str, object]:
+    """The worst scenario found for each metric, so that it can be looked at again."""
+    rows = [
+        {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
+        | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
+        for f in outcome.found
+    ]
+    return {"found": rows, "rounds": [r._asdict() for r in outcome.rounds]}

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from .objective import within
-from .problem import Posed
+from .problem import TuningProblem
 from .tuner import FEASIBLE, Progress, Tuner
 
 
@@ -27,14 +27,14 @@ class Point(NamedTuple):
 
 
 def front(
-    posed: Posed, metric: str, factors: list[float], done: Callable[[Point], None] = lambda point: None
+    problem: TuningProblem, metric: str, factors: list[float], done: Callable[[Point], None] = lambda point: None
 ) -> list[Point]:
     """Tuned gains for every factor on the limits of a metric, outward from the factor nearest 1.
 
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
-    tuner = _limited(posed.tuner, metric, 1.0)
+    tuner = _limited(problem.tuner, metric, 1.0)
     middle = int(np.argmin(np.abs(np.log(factors))))
     made: dict[int, tuple[Point, Progress]] = {}
     for i in [*range(middle, len(factors)), *reversed(range(middle))]:
@@ -51,7 +51,7 @@ def front(
             met=progress.best[0] == 0,
             dominated=False,
             controller=here.best(progress),
-            gains=here.gains(progress.best_z),
+            gains=here.gains.values(progress.best_z, here.controller),
             looks=progress.iteration,
         )
         made[i] = (point, progress)
@@ -68,7 +68,7 @@ def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
     limits = [moved.pop(r.statistic, r) if r.metric == metric else r for r in tuner.objective.limits]
     objective = tuner.objective._replace(limits=(*limits, *moved.values()))
     kept = tuner.push if objective.names == tuner.objective.names else None
-    return dataclasses.replace(tuner, objective=objective, prepared=kept)
+    return dataclasses.replace(tuner, objective=objective, compiled=kept)
 
 
 def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: str, goal: str) -> Figure:

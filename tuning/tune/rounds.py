@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..ensemble.worst import Found
-from .problem import Posed, starts, with_added
+from .problem import TuningProblem, starts, with_added
 from .tuner import HISTORY, Progress
 
 COLUMNS = ("round", "start", *HISTORY)
@@ -56,7 +56,7 @@ class Run(NamedTuple):
 class Outcome(NamedTuple):
     """Tuned gains and what is known of them."""
 
-    posed: Posed  # the last round's problem
+    problem: TuningProblem  # the last round's problem
     run: Run
     controller: Any
     found: list[Found]  # the worst scenarios of the last search
@@ -66,7 +66,7 @@ class Outcome(NamedTuple):
     def worse(self) -> list[str]:
         """Metrics of which the box is known to hold a worse scenario than any that was tuned on."""
         last = [r for r in self.rounds if r.round == self.run.round]
-        return [r.metric for r in last if r.worst_found > (1 + self.posed.config.tune.search.tolerance) * r.best]
+        return [r.metric for r in last if r.worst_found > (1 + self.problem.config.tune.search.tolerance) * r.best]
 
     @property
     def progress(self) -> Progress:
@@ -74,13 +74,13 @@ class Outcome(NamedTuple):
         return self.run.lead
 
 
-def begin(posed: Posed) -> Run:
+def begin(problem: TuningProblem) -> Run:
     """Before the first iteration."""
-    return Run(0, tuple(posed.tuner.begin(z) for z in starts(posed)), {}, (), ())
+    return Run(0, tuple(problem.tuner.begin(z) for z in starts(problem)), {}, (), ())
 
 
 def solve(
-    posed: Posed,
+    problem: TuningProblem,
     run: Run | None = None,
     each: Callable[[Run], None] = lambda run: None,
     searching: Callable[[], None] = lambda: None,
@@ -88,7 +88,7 @@ def solve(
     """Tune, search for the worst scenario, add it and tune again, for as many rounds as are configured.
 
     Args:
-        posed: the problem, from `pose`.
+        problem: the problem, from `pose`.
         run: where to go on; None begins.
         each: called after every iteration.
         searching: called before every search for the worst scenario.
@@ -96,12 +96,12 @@ def solve(
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
-    run = begin(posed) if run is None else run
-    posed = with_added(posed, run.added) if run.added else posed
-    settings, before = posed.config.tune.search, None
+    run = begin(problem) if run is None else run
+    problem = with_added(problem, run.added) if run.added else problem
+    settings, before = problem.config.tune.search, None
     while True:
-        while not all(posed.tuner.finished(p) for p in run.searches):
-            run = run._replace(searches=tuple(posed.tuner.advance_all(list(run.searches))))
+        while not all(problem.tuner.finished(p) for p in run.searches):
+            run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
         lead = run.lead
         if lead.backed_out and lead.backed_out == lead.iteration - 1:
@@ -111,22 +111,22 @@ def solve(
         if np.isinf(lead.best[1]):
             raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
         searching()
-        found = posed.adversary.search(lead.best_z, run.round)
-        best = posed.tuner.worst(lead.best_z)
-        names = posed.tuner.objective.names
+        found = problem.adversary.search(lead.best_z, run.round)
+        best = problem.tuner.worst(lead.best_z)
+        names = problem.tuner.objective.names
         rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
-        before = Outcome(posed, run, posed.tuner.best(lead), found, (*run.rounds, *rounds))
+        before = Outcome(problem, run, problem.tuner.best(lead), found, (*run.rounds, *rounds))
         if run.round >= settings.rounds or not before.worse:
             return before
-        posed, run = _again(before)
+        problem, run = _again(before)
 
 
-def _again(before: Outcome) -> tuple[Posed, Run]:
+def _again(before: Outcome) -> tuple[TuningProblem, Run]:
     """The problem with the worst scenarios added, and its run, from the gains that did not stand them."""
     run, worse = before.run, [f.scenario for f in before.found if f.metric in before.worse]
-    added = {name: np.stack([scenario[name] for scenario in worse]) for name in before.posed.tuner.batch.names}
+    added = {name: np.stack([scenario[name] for scenario in worse]) for name in before.problem.tuner.batch.names}
     if run.added:
         added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
-    posed = with_added(before.posed, added)
-    searches = (posed.tuner.begin(run.lead.best_z),)
-    return posed, Run(run.round + 1, searches, added, before.rounds, tuple(run.history))
+    problem = with_added(before.problem, added)
+    searches = (problem.tuner.begin(run.lead.best_z),)
+    return problem, Run(run.round + 1, searches, added, before.rounds, tuple(run.history))

@@ -12,9 +12,8 @@ from agvjax.metric_table import metrics_of
 from ..config import rules
 from ..config.settings import Config, Tune
 from ..ensemble.rules import beyond_rules, undrawable
-from .methods.optax import find_optimizer
+from .methods import method
 from .objective import STATISTICS
-from .tuner import SEQUENTIAL
 
 LEAST_LIMIT = 1e-9
 
@@ -50,23 +49,7 @@ def _names(config: Config) -> list[agvjax.Fault]:
         found.append(agvjax.Fault("pareto.low", config.pareto.low, f"at most pareto.high, {config.pareto.high:g}"))
     if config.ensemble.fresh and tune.search.rounds:
         found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, "0 where ensemble.fresh is true"))
-    if tune.optimizer == SEQUENTIAL:
-        if tune.gradient == "reverse":
-            found.append(
-                agvjax.Fault("tune.gradient", tune.gradient, f"forward: {SEQUENTIAL} needs the whole Jacobian")
-            )
-        if tune.options:
-            found.append(agvjax.Fault("tune.options", dict(tune.options), f"empty: {SEQUENTIAL} has none"))
-        if config.ensemble.fresh:
-            rule = f"false: {SEQUENTIAL} needs the same scenarios every iteration; an optimiser of optax does not"
-            found.append(agvjax.Fault("ensemble.fresh", "true", rule))
-        return found
-    try:
-        find_optimizer(tune.optimizer)(1.0, **tune.options)
-    except Exception as error:  # optax and its optimisers raise whatever they meet
-        rule = f"{SEQUENTIAL}, or an optimiser of optax that takes a learning rate, and options it knows ({error})"
-        found.append(agvjax.Fault("tune.optimizer", tune.optimizer, rule))
-    return found
+    return found + method(tune.optimizer).faults(config)
 
 
 def _tied(tune: Tune, gains: Any) -> list[agvjax.Fault]:

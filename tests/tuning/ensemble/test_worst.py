@@ -177,7 +177,7 @@ def test_what_was_found_is_tuned_on_until_none_is_worse(solved):
     assert rounds[0].worst_found > 1.005 * rounds[0].best  # four samples do not hold the worst of the box
     assert len(rounds) > 1 and rounds[-1].worst_found <= 1.005 * rounds[-1].best
     assert solved.run.added["start.heading"].size >= 1
-    assert solved.posed.tuner.batch.size == pose(small()).tuner.batch.size  # nothing is compiled anew
+    assert solved.problem.tuner.batch.size == pose(small()).tuner.batch.size  # nothing is compiled anew
 
 
 @pytest.mark.slow
@@ -188,10 +188,10 @@ def test_the_worst_after_the_loop_is_no_worse_than_without_it(solved):
 
 
 def test_what_was_added_counts_in_no_mean(solved):
-    tuner = solved.posed.tuner
-    values, ok = (np.asarray(x) for x in tuner.push(solved.progress.best_z, tuner.scenarios)[:2])
-    levels = np.asarray(tuner.objective.levels(jnp.asarray(values), jnp.asarray(ok), tuner.reference))
-    np.testing.assert_allclose(levels[0], values[0, :4].mean() / tuner.reference[0, 0], rtol=1e-12)
+    tuner = solved.problem.tuner
+    values, ok = (np.asarray(x) for x in tuner.push(solved.progress.best_z, tuner.scenarios())[:2])
+    levels = np.asarray(tuner.objective.levels(jnp.asarray(values), jnp.asarray(ok), tuner.baseline))
+    np.testing.assert_allclose(levels[0], values[0, :4].mean() / tuner.baseline[0, 0], rtol=1e-12)
 
 
 TUNED = {"k1": 27.0, "k2": 14.8, "k3": 11.9, "Lam": 1.2, "Lam_psi": 76.0}

@@ -67,8 +67,8 @@ def searched(config):
 
 def tuned(config):
     outcome = searched(config)
-    metrics = [judged(config, law, outcome.posed.tuner.batch) for law in (config.controller, outcome.controller)]
-    return outcome, unmet(outcome.posed, *metrics)
+    metrics = [judged(config, law, outcome.problem.tuner.batch) for law in (config.controller, outcome.controller)]
+    return outcome, unmet(outcome.problem, *metrics)
 
 
 # ---------------------------------------------------------------------------------------------------------- any law
@@ -104,7 +104,7 @@ def test_a_law_of_the_users_own_is_tuned():
 
 
 def test_a_gain_without_bounds_may_change_its_sign():
-    free = pose(problem(Proportional(), gains=("turn", "lean"), bounds={"lean": (-np.inf, np.inf)})).tuner.free
+    free = pose(problem(Proportional(), gains=("turn", "lean"), bounds={"lean": (-np.inf, np.inf)})).tuner.gains
     z = free.coordinates(Proportional())
     moved = free.controller(z.at[1].add(0.5), Proportional())
     np.testing.assert_allclose([moved.lean, moved.turn], [0.4, 4.0], rtol=1e-12)
@@ -141,7 +141,7 @@ def test_tied_gains_keep_their_ratio():
 
 def test_what_a_tied_gain_must_exceed_binds_the_one_it_follows():
     config = problem(NeuroBackstepping(k1=18.0, k2=9.0), gains=("k1",), tied={"k2": "k1"}, bounds={"k2": (6.0, 12.0)})
-    free = pose(config).tuner.free
+    free = pose(config).tuner.gains
     assert (free.lower[0], free.upper[0]) == (12.0, 24.0)
 
 
@@ -149,13 +149,13 @@ def test_a_margin_multiplies_the_stability_conditions():
     draws = {"deadzone.heading.slope_right": Times(0.5, 1.5), "deadzone.position.slope_left": Times(0.5, 1.5)}
     names = ("k1", "k2", "k3")
     plain, double = (pose(problem(draws=draws, gains=names, stability_margin=m)) for m in (1.0, 2.0))
-    np.testing.assert_allclose(double.tuner.free.lower, 2 * plain.tuner.free.lower, rtol=1e-14)
-    np.testing.assert_allclose(plain.tuner.free.lower, [1.0, 1.25, 0.5 / 0.455], rtol=1e-12)
+    np.testing.assert_allclose(double.tuner.gains.lower, 2 * plain.tuner.gains.lower, rtol=1e-14)
+    np.testing.assert_allclose(plain.tuner.gains.lower, [1.0, 1.25, 0.5 / 0.455], rtol=1e-12)
 
 
 def test_a_sample_rate_bounds_the_filter():
     fast = pose(problem(NeuroBackstepping(omega_n=60.0), gains=("omega_n",), sample_rate=40.0, integrator="rk4"))
-    limit = fast.tuner.free.upper[0]
+    limit = fast.tuner.gains.upper[0]
     least = min(RK4.stable_step(np.roots([1.0, 2 * z * limit, limit**2])) for z in np.linspace(0.05, 1, 20))
     np.testing.assert_allclose(least, 1 / 40, rtol=1e-3)
     with pytest.raises(InputError, match="controller.omega_n"):
@@ -195,7 +195,7 @@ def test_hard_limits_are_met_or_said_with_their_conflict():
 def conflict_of(outcome):
     from tuning.tune.analysis import conflict
 
-    return conflict(outcome.posed.tuner, outcome.progress.best_z)
+    return conflict(outcome.problem.tuner, outcome.progress.best_z)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_goals_of_every_kind_go_down_within_absolute_limits(goal):
     limits = {"peak_heading": Limit(worst=1.05 * peak, absolute=True)}
     outcome, over = tuned(problem(goals=metric, limits=limits, iterations=15))
     assert over == [] and outcome.progress.best[1] < 0.997 * sum(goal.values())
-    reached = judged(start, outcome.controller, outcome.posed.tuner.batch).peak_heading.max()
+    reached = judged(start, outcome.controller, outcome.problem.tuner.batch).peak_heading.max()
     assert reached <= 1.001 * 1.05 * peak
 
 
@@ -229,7 +229,7 @@ def test_a_settling_time_can_be_asked_for():
     tune = dataclasses.replace(config.tune, limits=limits)
     outcome, over = tuned(dataclasses.replace(config, tune=tune))
     assert over == []
-    reached = judged(config, outcome.controller, outcome.posed.tuner.batch).settling_time[:, 2]
+    reached = judged(config, outcome.controller, outcome.problem.tuner.batch).settling_time[:, 2]
     assert reached.max() <= 1.001 * wanted
 
 
@@ -247,15 +247,15 @@ def test_what_is_learned_agrees_with_differences():
     posed = pose(problem(iterations=1))
     tuner, z = posed.tuner, posed.tuner.begin().z + 0.1
     found = analyse(tuner, z)
-    gains = np.array(tuner.gains(z))
+    gains = np.array(tuner.gains.values(z, tuner.controller))
     for k in range(2):
         levels = []
         for sign in (1, -1):
             law = agvjax.replace(
-                tuner.controller, dict(zip(tuner.free.names, gains * (1 + sign * 1e-5 * np.eye(2)[k]), strict=True))
+                tuner.controller, dict(zip(tuner.gains.names, gains * (1 + sign * 1e-5 * np.eye(2)[k]), strict=True))
             )
-            at = tuner.free.coordinates(law)
-            levels.append(np.asarray(tuner.weigh(*tuner.push(at, tuner.scenarios))[0].levels))
+            at = tuner.gains.coordinates(law)
+            levels.append(np.asarray(tuner.weigh(*tuner.push(at, tuner.scenarios()))[0].levels))
         slope = (levels[0] - levels[1]) / 2e-5 / np.array([s.level for s in found.standings])
         np.testing.assert_allclose([s.slopes[k] for s in found.standings], slope, rtol=2e-3, atol=2e-4)
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agvjax
-from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, leaves, replace
-from tuning import Between, Free, Objective, Requirement, Times, Tuner, default_draws, sample, within
+from agvjax import EULER, INTEGRATORS, RK4, Deadzone, NeuroBackstepping, Scenario, Timing, leaves, replace
+from tuning import Between, Gains, Objective, Requirement, Times, Tune, Tuner, default_draws, sample, within
 from tuning.tune.checkpoint import CHECKPOINT, load, save
 from tuning.tune.gains import default_bounds, stability_bounds
 from tuning.tune.methods.optax import find_optimizer
@@ -22,7 +22,7 @@ from tuning.tune.tuner import HISTORY
 NAMES = ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta")
 LOWER = np.array([1.0, 5 / 3, 25 / 18, 0.0, 0.0, 0.0, 0.0])
 UPPER = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 200.0, 1.0])
-FREE = Free(NAMES, LOWER, UPPER)
+GAINS = Gains(NAMES, LOWER, UPPER)
 GOAL, EXCESS = HISTORY.index("goal"), HISTORY.index("excess")
 
 
@@ -35,16 +35,15 @@ def promotion_as_optax_has_it():
 
 def small_tuner(**changed):
     """Eight scenarios of the default ensemble over 3 s in steps of 5 ms, each of one stage: it compiles fast."""
-    settings = {
+    names = {field.name for field in dataclasses.fields(Tune)}
+    settings = Tune(**{"iterations": 30, "optimizer": "adam"} | {n: x for n, x in changed.items() if n in names})
+    fields = {
+        "controller": NeuroBackstepping(),
         "batch": sample(Scenario(), default_draws(), 8, 0),
-        "free": FREE,
-        "dt": 5e-3,
-        "n_steps": 600,
-        "integrator": EULER,
-        "iterations": 30,
-        "optimizer": "adam",
+        "gains": GAINS,
+        "timing": Timing(dt=5e-3, n_steps=600, integrator=EULER),
     }
-    return Tuner(**({"controller": NeuroBackstepping()} | settings | changed))
+    return Tuner(settings=settings, **fields | {n: x for n, x in changed.items() if n not in names})
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def solved(small):
-    tuner = small_tuner(clip=1.0, prepared=small.push)
+    tuner = small_tuner(clip=1.0, compiled=small.push)
     return iterate(tuner, tuner.begin())
 
 
@@ -83,14 +82,14 @@ def scripted(scores, gradients, **changed):
 
 def test_coordinates_of_a_controller_lead_back_to_it():
     gains = dict(zip(NAMES, (23.0, 1.7, 40.0, 1e-3, 9.0, 199.0, 0.01), strict=True))
-    back = leaves(FREE.controller(FREE.coordinates(replace(NeuroBackstepping(), gains)), NeuroBackstepping()))
+    back = leaves(GAINS.controller(GAINS.coordinates(replace(NeuroBackstepping(), gains)), NeuroBackstepping()))
     for name, value in gains.items():
         np.testing.assert_allclose(back[name], value, rtol=1e-12, err_msg=name)
 
 
 def test_what_is_not_tuned_is_taken_from_the_controller_given():
     like = NeuroBackstepping(b1=0.1, gamma2=0.7)
-    free = Free(("k1",), np.array([1.0]), np.array([np.inf]))
+    free = Gains(("k1",), np.array([1.0]), np.array([np.inf]))
     after = free.controller(jnp.array([np.log(4.0)]), like)
     assert after.b1 == 0.1 and after.gamma2 == 0.7 and after.k3 == like.k3
     np.testing.assert_allclose(after.k1, 5.0, rtol=1e-14)
@@ -99,7 +98,7 @@ def test_what_is_not_tuned_is_taken_from_the_controller_given():
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.floats(-50, 50), min_size=len(NAMES), max_size=len(NAMES)))
 def test_every_coordinate_gives_gains_within_their_bounds(z):
-    gains = leaves(FREE.controller(jnp.array(z), NeuroBackstepping()))
+    gains = leaves(GAINS.controller(jnp.array(z), NeuroBackstepping()))
     x = np.array([float(gains[name]) for name in NAMES])
     assert np.all(np.isfinite(x)) and np.all(x >= LOWER) and np.all(x <= UPPER)
 
@@ -107,7 +106,7 @@ def test_every_coordinate_gives_gains_within_their_bounds(z):
 @pytest.mark.parametrize("z", [-3.0, -0.4, 0.0, 1.3, 4.0])
 def test_derivative_of_the_gains_is_that_of_finite_differences(z):
     def gains(z):
-        return jnp.stack([leaves(FREE.controller(z, NeuroBackstepping()))[name] for name in NAMES])
+        return jnp.stack([leaves(GAINS.controller(z, NeuroBackstepping()))[name] for name in NAMES])
 
     at, h = jnp.full(len(NAMES), z), 1e-5
     slope = np.diag(jax.jacfwd(gains)(at))
@@ -117,9 +116,9 @@ def test_derivative_of_the_gains_is_that_of_finite_differences(z):
 
 
 def test_a_gain_with_lower_bound_0_and_no_upper_moves_in_its_logarithm():
-    free = Free(("Lam",), np.array([0.0]), np.array([np.inf]))
+    free = Gains(("Lam",), np.array([0.0]), np.array([np.inf]))
     np.testing.assert_allclose(free.coordinates(NeuroBackstepping(Lam=np.e**2)), [2.0], rtol=1e-15)
-    bounded = Free(("zeta",), np.array([0.0]), np.array([1.0]))
+    bounded = Gains(("zeta",), np.array([0.0]), np.array([1.0]))
     np.testing.assert_allclose(bounded.coordinates(NeuroBackstepping(zeta=0.8)), [np.log(4.0)], rtol=1e-14)
 
 
@@ -127,8 +126,8 @@ def test_a_gain_with_lower_bound_0_and_no_upper_moves_in_its_logarithm():
     ("name", "value"), [("k1", 1.0), ("k2", 1.66), ("zeta", 1.0), ("omega_n", 201.0), ("Lam", 0.0)]
 )
 def test_a_gain_on_its_bound_or_beyond_is_a_problem_that_names_it(name, value):
-    assert FREE.faults(NeuroBackstepping()) == []
-    found = FREE.faults(replace(NeuroBackstepping(), {name: value}))
+    assert GAINS.faults(NeuroBackstepping()) == []
+    found = GAINS.faults(replace(NeuroBackstepping(), {name: value}))
     assert [p.key for p in found] == [f"controller.{name}"] and f"{value:g}" in str(found[0])
 
 
@@ -300,13 +299,13 @@ def test_scenarios_without_weight_count_in_the_worst_alone():
 
 def test_reference_is_taken_over_the_runs_that_held_out():
     objective = OBJECTIVE._replace(tail=0.5)
-    np.testing.assert_allclose(objective.reference(VALUES, OK), [[2.0, 5.0], [3.0, 6.0], [3.0, 6.0]])
+    np.testing.assert_allclose(objective.baseline(VALUES, OK), [[2.0, 5.0], [3.0, 6.0], [3.0, 6.0]])
 
 
 def test_what_is_0_at_the_start_can_be_no_unit():
     objective = Objective((Requirement("overshoot_x", "mean", 1.0),), ())
     with pytest.raises(RuntimeError, match="mean overshoot_x is 0 with the starting gains"):
-        objective.reference(jnp.zeros((1, 3)), jnp.ones(3, bool))
+        objective.baseline(jnp.zeros((1, 3)), jnp.ones(3, bool))
     limited = Objective(GOALS, (Requirement("overshoot_x", "worst", 0.1, absolute=True),))
     levels = limited.levels(
         jnp.array([[2.0, 2.0], [0.0, 0.05]]), jnp.ones(2, bool), np.array([[2.0, 0], [2, 0], [2, 0]])
@@ -316,7 +315,7 @@ def test_what_is_0_at_the_start_can_be_no_unit():
 
 def test_the_starting_gains_have_levels_of_1():
     values, ok = VALUES[:, :2], OK[:2]
-    reference = OBJECTIVE.reference(values, ok)
+    reference = OBJECTIVE.baseline(values, ok)
     np.testing.assert_allclose(OBJECTIVE.levels(values, ok, reference), [1, 1, 1 / 1.1, 1 / 1.1], rtol=1e-15)
     score = OBJECTIVE.score(values, ok, reference)
     np.testing.assert_allclose([score.goal, score.cost, score.excess], [1.3, 1.3, 1 / 1.1 - 1], rtol=1e-13)
@@ -326,7 +325,7 @@ def test_the_starting_gains_have_levels_of_1():
 def test_excess_is_positive_only_where_a_limit_is_exceeded(limit, excess, cost):
     objective = OBJECTIVE._replace(limits=within({"effort": limit}))
     values, ok = VALUES[:, :2], OK[:2]
-    score = objective.score(values, ok, objective.reference(values, ok))
+    score = objective.score(values, ok, objective.baseline(values, ok))
     np.testing.assert_allclose([score.excess, score.cost], [excess, cost], rtol=1e-13, atol=1e-15)
 
 
@@ -362,9 +361,9 @@ AWAY = jnp.array(
 
 def test_forward_and_reverse_gradients_agree(small):
     z = small.begin().z + AWAY
-    score, forward = small.gradient_of(z, small.scenarios)
-    backward = small_tuner(gradient="reverse", budget=small.reference)
-    other, reverse = backward.gradient_of(z, small.scenarios)
+    score, forward = small.gradient_of(z, small.scenarios())
+    backward = small_tuner(gradient="reverse", budget=small.baseline)
+    other, reverse = backward.gradient_of(z, small.scenarios())
     assert np.all(np.abs(forward) > 0)
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(other.cost, score.cost, rtol=1e-12)
@@ -372,9 +371,9 @@ def test_forward_and_reverse_gradients_agree(small):
 
 def test_the_gradient_is_that_of_central_differences(small):
     z, h = small.begin().z + AWAY, 1e-5
-    gradient = small.gradient_of(z, small.scenarios)[1]
+    gradient = small.gradient_of(z, small.scenarios())[1]
     for i, unit in enumerate(np.eye(len(NAMES))):
-        up, down = (float(small.gradient_of(z + s * h * unit, small.scenarios)[0].cost) for s in (1, -1))
+        up, down = (float(small.gradient_of(z + s * h * unit, small.scenarios())[0].cost) for s in (1, -1))
         np.testing.assert_allclose(gradient[i], (up - down) / (2 * h), rtol=1e-4, atol=1e-6, err_msg=NAMES[i])
 
 
@@ -482,9 +481,11 @@ def test_what_is_no_optimiser_is_refused(name):
 
 
 def test_an_ensemble_in_which_every_run_diverges_is_refused():
-    free = Free(("k1",), np.array([1.0]), np.array([np.inf]))
+    free = Gains(("k1",), np.array([1.0]), np.array([np.inf]))
     tuner = small_tuner(
-        batch=sample(Scenario(limit=0.1), default_draws(), 3, 0), free=free, n_steps=100, integrator=EULER
+        batch=sample(Scenario(limit=0.1), default_draws(), 3, 0),
+        gains=free,
+        timing=Timing(n_steps=100, integrator=EULER),
     )
     with pytest.raises(RuntimeError, match="every one of the 3 runs diverges"):
         tuner.advance(tuner.begin())
@@ -492,7 +493,7 @@ def test_an_ensemble_in_which_every_run_diverges_is_refused():
 
 @pytest.mark.slow
 def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at(small):
-    tuner = small_tuner(optimizer="lbfgs", prepared=small.push, iterations=4, objective=Objective(GOALS[:1], ()))
+    tuner = small_tuner(optimizer="lbfgs", compiled=small.push, iterations=4, objective=Objective(GOALS[:1], ()))
     p = iterate(tuner, tuner.begin())
     costs = [row[HISTORY.index("cost")] for row in p.history]
     assert np.all(np.diff(costs) < 0)  # Wolfe's conditions ask for no less
@@ -505,14 +506,14 @@ def test_fresh_scenarios_steer_and_the_fixed_ones_rank(small):
         drawn = sample(Scenario(), default_draws(), 8, 0, 1000 + iteration)
         return {name: np.asarray(value) for name, value in drawn.values.items()}
 
-    tuner = small_tuner(fresh=fresh, prepared=small.push, iterations=6)
+    tuner = small_tuner(fresh=fresh, compiled=small.push, iterations=6)
     p = iterate(tuner, tuner.begin())
     again = iterate(tuner, tuner.begin())
     np.testing.assert_array_equal(p.z, again.z)  # drawn by the number of the iteration, not by a running state
-    fixed = iterate(small_tuner(prepared=small.push, iterations=6), small.begin())
+    fixed = iterate(small_tuner(compiled=small.push, iterations=6), small.begin())
     assert np.abs(p.z - fixed.z).max() > 1e-3
-    values, ok = small.push(p.best_z, small.scenarios)[:2]
-    goal = float(small.objective.score(values, ok, small.reference).goal)
+    values, ok = small.push(p.best_z, small.scenarios())[:2]
+    goal = float(small.objective.score(values, ok, small.baseline).goal)
     np.testing.assert_allclose(p.best[1], goal, rtol=1e-9)
     assert p.rollouts == 6 * (2 + len(NAMES))
 
@@ -567,11 +568,11 @@ def test_a_checkpoint_keeps_every_start_and_what_was_found(small, solved, tmp_pa
 
 
 def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):
-    whole = small_tuner(iterations=20, learning_rate=0.05, prepared=small.push)
+    whole = small_tuner(iterations=20, learning_rate=0.05, compiled=small.push)
     wanted = iterate(whole, whole.begin())
     keep(tmp_path, iterate(whole, whole.begin(), until=7))
     again = small_tuner(
-        iterations=20, learning_rate=0.05, prepared=small.push
+        iterations=20, learning_rate=0.05, compiled=small.push
     )  # a tuner that knows nothing of the first
     begun = kept(tmp_path, again.begin())
     assert begun.iteration == 7
@@ -581,7 +582,7 @@ def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):
 
 
 def test_the_sequential_tuner_keeps_its_limits_and_resumes(small, solved, tmp_path):
-    settings = {"optimizer": "sqp", "iterations": 45, "prepared": small.push}
+    settings = {"optimizer": "sqp", "iterations": 45, "compiled": small.push}
     whole = small_tuner(**settings)
     wanted = iterate(whole, whole.begin())
     assert wanted.best[0] == 0.0 and wanted.best[1] < 1.26  # within a twentieth of a percent, from 1.3
@@ -611,7 +612,7 @@ def test_a_checkpoint_that_is_missing_or_damaged_is_named(small, solved, tmp_pat
 @pytest.mark.parametrize(
     "other",
     [
-        {"free": Free(("k1",), np.array([1.0]), np.array([np.inf]))},
+        {"gains": Gains(("k1",), np.array([1.0]), np.array([np.inf]))},
         {"optimizer": "adan"},
     ],
     ids=["another number of gains", "an optimiser of more state"],
@@ -644,12 +645,10 @@ def test_a_diverged_run_of_the_ensemble_counts_and_sends_no_gradient(mode):
 
     def gradient(rows):
         batch = agvjax.batch(agvjax.Scenario(), {"start.position": starts[rows]})
-        free = Free(("k1", "k3"), np.array([1.0, 1.0]), np.array([np.inf, np.inf]))
-        timing = {"dt": 1e-2, "n_steps": 100, "integrator": EULER}
-        tuner = Tuner(
-            agvjax.NeuroBackstepping(), batch, free, Objective(GOALS[:1], ()), **timing, gradient=mode, optimizer="adam"
-        )
-        score, slope = tuner.gradient_of(free.coordinates(tuner.controller), tuner.scenarios)
+        free = Gains(("k1", "k3"), np.array([1.0, 1.0]), np.array([np.inf, np.inf]))
+        settings, timing = Tune(gradient=mode, optimizer="adam"), Timing(dt=1e-2, n_steps=100, integrator=EULER)
+        tuner = Tuner(agvjax.NeuroBackstepping(), batch, free, Objective(GOALS[:1], ()), settings, timing)
+        score, slope = tuner.gradient_of(free.coordinates(tuner.controller), tuner.scenarios())
         return int(score.latched), np.asarray(slope)
 
     latched, slope = gradient([0, 1, 2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,16 +14,17 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import AXES
 
-from ...config.settings import Config
+from ...config.settings import Config, Tune
 from ...ensemble.draws import sample
-from ...tune.gains import Free, default_bounds, stability_bounds
+from ...tune.gains import Gains
 from ...tune.objective import within
 from ...tune.problem import requirements
-from ...tune.tuner import SEQUENTIAL, Tuner
+from ...tune.tuner import Tuner
 from ..paper.cases import WORKERS, matched
 
 PEAKS = ("peak_command_x", "peak_command_y", "peak_heading")
 BUDGET = (*(f"rms_command_{axis}" for axis in AXES), *PEAKS, *(f"chatter_{axis}" for axis in AXES))
+ITERATIONS = 60  # of the tuner, from each start
 STARTS = (10.0, 20.0)  # 1/s, bandwidths to start from besides the law's own gains
 
 
@@ -79,7 +81,7 @@ class Comparison:
         values, ok = self.objective.values(
             agvjax.evaluate(law, self.seen, criteria=self.objective.criteria, **self.config.timing("tune"))
         )
-        return self.objective.reference(values, ok)
+        return self.objective.baseline(values, ok)
 
     def of(self, metric: str) -> list[float]:
         """Mean and worst that the budget allows of a command metric."""
@@ -94,26 +96,16 @@ class Comparison:
 
     def tune(self, name: str, law: Any) -> Tuned:
         """The best of all starts: the budget kept first, then the cost."""
-        names, timing = law.gains_to_tune(), self.config.timing("tune")
-        conditions = stability_bounds(law, self.config.scenario, self.config.ensemble.draws)
-        limits = default_bounds(law, names, conditions, timing.dt, timing.integrator)
-        free = Free(names, np.array([limits[n][0] for n in names]), np.array([limits[n][1] for n in names]))
-        tuner = Tuner(
-            controller=agvjax.check(law),
-            batch=self.seen,
-            free=free,
-            objective=self.objective,
-            budget=self.budget,
-            optimizer=SEQUENTIAL,
-            iterations=60,
-            timing=timing,
-        )
+        config, settings = self.config, Tune(gains=law.gains_to_tune(), iterations=ITERATIONS)
+        timed = dataclasses.replace(settings, dt=config.tune.dt, integrator=config.tune.integrator)
+        gains = Gains.of(dataclasses.replace(config, controller=law, tune=timed))
+        tuner = Tuner(agvjax.check(law), self.seen, gains, self.objective, settings, config.timing("tune"), self.budget)
         best, looks, refused, left_out = None, 0, 0, 0
         for start in starts(name, law):
-            if free.faults(start):
+            if gains.faults(start):
                 left_out += 1
                 continue
-            progress = tuner.begin(free.coordinates(start))
+            progress = tuner.begin(gains.coordinates(start))
             while not tuner.finished(progress):
                 progress = tuner.advance(progress)
             looks, refused = looks + progress.iteration, refused + progress.backed_out

@@ -1,1 +1,14 @@
-"""The methods that step from gains to better gains, one a file."""
+"""The methods of tuning, one a file: `sqp`, and every optimiser of optax by its name."""
+
+from .method import Method as Method
+
+
+def method(optimizer: str) -> type[Method]:
+    """The method that `tune.optimizer` names; a name that nobody knows is one of optax's, whose faults say so."""
+    if optimizer == "sqp":
+        from .sqp import Sqp
+
+        return Sqp
+    from .optax import Optax  # late: nobody waits for optax who does not use it
+
+    return Optax

@@ -12,10 +12,16 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import clarabel
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy import sparse
 
+from agvjax import Fault
+
+from ...config.settings import Config
 from ..objective import Objective
+from .method import Look, Method, Progress, Scenarios
 
 FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-4  # of the trust region, in the free coordinates: logarithms of the gains
 FLATTEST = 1e-3  # curvature to begin with
@@ -23,6 +29,45 @@ SHRINK = 0.4  # of the region after a step that did not keep its promise
 LEAST = 1e-5  # share of the cost that a step must promise
 STEEPEST = 1e4  # a metric that changes by so many times its reference per unit says nothing of the neighbourhood
 DEAREST = 1e4  # penalty beyond which limits that are not met cannot be
+
+
+class Sqp(Method):
+    """The tuning problem itself at every step: goals and limits, linearised, in a trust region."""
+
+    jacobian = True
+
+    def begin(self, z: Array, scenarios: int) -> State:
+        """Before the first look."""
+        return State.begin(z.size, len(self.objective.names), scenarios, self.objective.penalty)
+
+    def step(
+        self, p: Progress, look: Look, sound: bool, baseline: np.ndarray, scenarios: Scenarios
+    ) -> tuple[Array, State]:
+        """The solution of the problem about the best point so far."""
+        levels = look.score.levels if sound else None
+        z, state = step(p.optimiser, p.z, levels, look.model, self.objective, baseline)
+        return jnp.asarray(z, p.z.dtype), state
+
+    def usable(self, look: Look, baseline: np.ndarray) -> bool:
+        """Whether the slopes are slopes."""
+        return usable(look.model, self.objective.scale(baseline))
+
+    def converged(self, state: State) -> bool:
+        """Whether the trust region has shrunk to nothing."""
+        return state.converged
+
+    @classmethod
+    def faults(cls, config: Config) -> list[Fault]:
+        """Reverse mode, options, and scenarios that change."""
+        tune, faults = config.tune, []
+        if tune.gradient == "reverse":
+            faults.append(Fault("tune.gradient", tune.gradient, "forward: sqp needs the whole Jacobian"))
+        if tune.options:
+            faults.append(Fault("tune.options", dict(tune.options), "empty: sqp has none"))
+        if config.ensemble.fresh:
+            rule = "false: sqp needs the same scenarios every iteration; an optimiser of optax does not"
+            faults.append(Fault("ensemble.fresh", "true", rule))
+        return faults
 
 
 class State(NamedTuple):

@@ -1,0 +1,45 @@
+"""Compiled programs of a tuning problem made ready in the background, from disk where they were made ready before."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..compute.compiled import Ahead, meanwhile
+from ..compute.processes import joined
+from ..config import dump
+from .judge import judged, seen_and_unseen
+from .problem import TuningProblem
+
+
+def steered(problem: TuningProblem) -> TuningProblem:
+    """The problem with its Jacobian made ready."""
+    tuner = problem.tuner
+    if tuner.forward:
+        tuner = dataclasses.replace(tuner, compiled=Ahead(tuner.jacobian, *_identity(problem), tuner.scenarios()))
+    return problem._replace(tuner=tuner)
+
+
+def readied(problem: TuningProblem) -> TuningProblem:
+    """The problem with all that tuning and judging will call made ready, the Jacobian first.
+
+    Not where several processes compute together: they must do the same in the same order.
+    """
+    if joined():
+        return problem
+    problem = steered(problem)
+    (settings, z), adversary, config = _identity(problem), problem.adversary, problem.config
+    jacobian = problem.tuner.compiled if isinstance(problem.tuner.compiled, Ahead) else None
+    shares, scenarios = adversary.examples()
+    climb = Ahead(adversary.climb, settings + "climb", z, jnp.asarray(shares, z.dtype), after=jacobian)
+    look = Ahead(adversary.look, settings + "look", z, scenarios, after=jacobian)
+    meanwhile(judged, config, config.controller, seen_and_unseen(problem)[0])
+    return problem._replace(adversary=dataclasses.replace(adversary, compiled=(climb, look)))
+
+
+def _identity(problem: TuningProblem) -> tuple[str, Array]:
+    """All that shapes what is compiled, and where the search starts."""
+    settings = dump(dataclasses.replace(problem.config, seed=0))
+    return settings, problem.tuner.gains.coordinates(problem.config.controller)
