@@ -53,7 +53,7 @@ def wrong(config, rules=tune_rules.faults):
 
 def test_the_default_problem_tunes_the_gains_of_its_law():
     posed = pose(Config())
-    assert posed.tuner.free.names == agvjax.NeuroBackstepping.tunable
+    assert posed.tuner.gains.names == agvjax.NeuroBackstepping.tunable
     assert set(posed.config.tune.limits) == {"effort", "peak_position", "peak_heading"}
     assert "deadzone.heading.slope_left" in posed.config.ensemble.draws
 
@@ -89,7 +89,7 @@ def test_a_vehicle_of_python_is_completed_with_its_own_actuators(plant, first):
 
 def test_a_vehicle_of_python_is_posed():
     config = Config(scenario=Scenario.of(Unicycle()), tune=Tune(gains=("k1",)))
-    assert pose(config).tuner.free.names == ("k1",)
+    assert pose(config).tuner.gains.names == ("k1",)
 
 
 def test_nothing_is_drawn_by_default_that_the_scenario_has_not():
