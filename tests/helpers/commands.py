@@ -23,9 +23,9 @@ def start(argv, program=("-m", "tuning.cli"), **options):
     )
 
 
-def run(argv, code=0):
+def run(argv, code=0, timeout=300):
     process = start(argv)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=timeout)
     assert process.returncode == code, err
     assert "Traceback" not in err
     return out, err

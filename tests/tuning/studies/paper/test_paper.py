@@ -3,14 +3,13 @@
 import base64
 import json
 import re
-import subprocess
-import sys
 import types
 
 import numpy as np
 import pytest
 
 import agvjax
+from commands import arguments, run
 from agvjax import Metrics, NeuroBackstepping, Scenario, Trajectory
 from tuning import Objective, within
 from tuning.cli import main as cli
@@ -229,15 +228,9 @@ SETTLED = {  # section 5 of the written specification, within 2 %
 }
 
 
-def command(*arguments):
-    """As a user runs it, in a process whose compiler options are set before JAX starts."""
-    done = subprocess.run([sys.executable, "-m", "tuning.cli", *arguments, "--quiet"], check=False)
-    return done.returncode
-
-
 @pytest.mark.slow
 def test_the_whole_reproduction(tmp_path):
-    assert command("reproduce", "--out", str(tmp_path / "run"), "--pdf") == 0
+    run(["reproduce", "--out", str(tmp_path / "run"), "--quiet"], timeout=None)
     out = tmp_path / "run"
     found = json.loads((out / "tables.json").read_text())
     for name, (settling, rmse) in SETTLED.items():
@@ -259,7 +252,7 @@ def test_the_whole_reproduction(tmp_path):
     assert bounds["printed"]["vacuous"] == [64, 64] and bounds["corrected"]["vacuous"] == [0, 0]
     assert bounds["corrected"]["violated"] == [0, 0]
     for i in range(3, 17):
-        assert (out / f"fig{i:02}.png").stat().st_size > 10_000 and (out / f"fig{i:02}.pdf").exists()
+        assert (out / f"fig{i:02}.png").stat().st_size > 10_000
     text = (out / "report.html").read_text()
     assert len(re.findall("data:image/png;base64,", text)) == len(list(out.glob("*.png")))
     assert 'src="fig' not in text and "http" not in re.sub(r"base64,[^\"]*", "", text)
@@ -268,7 +261,7 @@ def test_the_whole_reproduction(tmp_path):
 @pytest.mark.slow
 def test_a_small_comparison(tmp_path):
     settings = ("simulate.dt=0.005", "ensemble.size=8", "ensemble.validation_size=8")
-    assert command("compare", "--out", str(tmp_path / "run"), *(x for s in settings for x in ("--set", s))) == 0
+    run(arguments("compare", tmp_path / "run", settings, "--quiet"), timeout=None)
     found = json.loads((tmp_path / "run" / "comparison.json").read_text())
     rows = {row["law"]: row for row in found["rows"]}
     assert set(rows) == {*compare.laws(None), "event"}

@@ -12,6 +12,7 @@ from PIL import Image
 
 import agvjax
 import tuning
+from commands import run
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.config.load import BUILT_IN, resolve
@@ -223,8 +224,7 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
     pytest.importorskip("mujoco")
     pytest.importorskip("vehiclemodels")
     out = tmp_path / "vehicles"
-    done = subprocess.run([sys.executable, "-m", "tuning.cli", "vehicles", "--quiet", "--out", str(out)], check=False)
-    assert done.returncode == 0
+    run(["vehicles", "--quiet", "--out", str(out)], timeout=None)
     found = json.loads((out / "findings.json").read_text())
     assert found["paper"]["continuous"]["late"] < 0.01
     assert found["paper"]["50 Hz, exact"]["late"] < 0.01
