@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import agvjax
-from commands import arguments, run
 from agvjax import Metrics, NeuroBackstepping, Scenario, Trajectory
+from commands import arguments, run
 from tuning import Objective, within
 from tuning.cli import main as cli
 from tuning.io.pages import html
