@@ -18,8 +18,8 @@ import numpy as np
 import agvjax
 from agvjax.controllers.sampled import Computed
 from tuning import config as configuration
-from tuning.cli.identify import first_drive
 from tuning.config.settings import Config
+from tuning.identify import first_drive
 from tuning.io import files
 from tuning.studies.vehicles.drive import Drive, drive
 from tuning.studies.vehicles.study import unseen_paths
@@ -72,7 +72,7 @@ def recorded(config: Config, law: Any, scenario: Any, horizon: float, seed: int)
 def logs(config: Config) -> dict[str, np.ndarray]:
     """The three, by name."""
     names = config.scenario.plant.actuators
-    suggested = first_drive(config, lambda name: None)
+    suggested = first_drive(config)
     still = agvjax.Start(position=jnp.array([float(config.scenario.plant.L), 0.0]), velocity=jnp.zeros(2), heading=0.0)
     at_rest = dataclasses.replace(config.scenario, start=still, path=agvjax.Line(), heading=agvjax.Tangent())
     played = Playback(inputs=dict(zip(names, suggested.inputs.T, strict=True)))

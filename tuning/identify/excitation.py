@@ -10,12 +10,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.stats import qmc
+
+import agvjax
 
 from .fit import SETTLED, first_states, weighed
 from .log import Log
@@ -44,7 +47,7 @@ class Drive(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What the drive may do."""
+    """Within what limits a suggested drive must stay."""
 
     speed: float  # m/s
     yaw_rate: float  # rad/s
@@ -67,11 +70,11 @@ class Designer:
     memory: float  # of the actuators, s
 
     @functools.cached_property
-    def predict(self) -> Callable[..., Any]:
+    def predict(self) -> Callable[..., Array]:
         """What a drive looks like; compiled once."""
         return jax.jit(self.model.predict)
 
-    def suggest(self, candidates: int, seed: int, tick: Callable[[str], Any] = lambda text: None) -> Drive:
+    def suggest(self, candidates: int, seed: int, tick: Callable[[str], object] = lambda text: None) -> Drive:
         """The best of so many candidates."""
         own = np.array([q.name.startswith("deadzone.") for q in self.parameters])
         own = own if own.any() else ~own
@@ -121,13 +124,13 @@ class Designer:
         return Z95 * np.sqrt(np.diag(covariance))
 
 
-def candidate(scenario: Any, room: Room, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Instants and inputs of one candidate, from numbers in [0, 1)."""
     t = np.arange(round(room.duration / room.period) + 1) * room.period
     first, second = share.reshape(2, -1)
     v, a = _sines(t, first, room.speed)
     w, alpha = _sines(t, second, room.yaw_rate)
-    needed = scenario.plant.needs(v, w, a, alpha)
+    needed = scenario.plant.needs(agvjax.Motion(v, w, a, alpha))
     columns = []
     for name, limit in zip(scenario.plant.actuators, room.limits, strict=True):
         dead, d = scenario.deadzone[name], np.asarray(needed[name], float)

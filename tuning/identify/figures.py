@@ -12,13 +12,13 @@ from agvjax import Deadzone
 from .excitation import Drive
 from .fit import Fit, Task
 from .predict import Prediction
-from .verdict import Verdict
+from .verdict import FitVerdict
 
 DRAWN = 300  # deadzones that make a band
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
 
-def deadzones(task: Task, fit: Fit, verdict: Verdict, seed: int = 0) -> Figure | None:
+def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figure | None:
     """What each actuator delivers, with its band, above how often each command came; None where none was asked for."""
     names = [e.name for e in verdict.estimates]
     scenario = task.model.scenario
@@ -66,7 +66,7 @@ def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.asarray(Deadzone(**dict(zip(PARTS, numbers, strict=True)))(u))  # pyright: ignore[reportArgumentType]
 
 
-def residuals(fit: Fit, verdict: Verdict) -> Figure:
+def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
     """What the model leaves unexplained, in standard deviations, over time; and its distribution beside the normal."""
     channels = fit.model.channels
     figure = Figure(figsize=(10, 1.5 * len(channels) + 0.6), layout="constrained")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from ..io.csv_file import Column
 from . import parameters as wanted
 from .log import POSE, Log
 from .misread import misread
-from .model import Model, Sums, compiled
+from .model import Model, Says, Sums, compiled
 from .parameters import OMEGA, SINUSOID, Parameter, sinusoidal
 from .segments import Counts, Segments, noise
 
@@ -62,18 +62,18 @@ class Fit(NamedTuple):
 class Search:
     """One least-squares problem; remembers the states of the stretches where it was best."""
 
-    function: Callable[[Any, Any, Segments], Sums]
+    function: Says
     segments: Segments
     parameters: Sequence[Parameter]
     states: np.ndarray
     evaluations: int = 0
     best: float = np.inf
-    seen: tuple[bytes, Any, Sums] | None = None
+    seen: tuple[bytes, Sums] | None = None
 
     def sums(self, p: np.ndarray) -> Sums:
         """What all stretches say at p."""
         if self.seen is not None and self.seen[0] == p.tobytes():
-            return self.seen[2]
+            return self.seen[1]
         states = self.states
         for _ in range(SETTLED):
             states = self.function(p, states, self.segments).states
@@ -81,7 +81,7 @@ class Search:
         self.evaluations += 1
         if found.cost.sum() < self.best:
             self.best, self.states = float(found.cost.sum()), found.states
-        self.seen = (p.tobytes(), None, found)
+        self.seen = (p.tobytes(), found)
         return found
 
     def triangle(self, p: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +148,7 @@ def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
     return segments._replace(weight=(segments.weight > 0) / sigma**2)
 
 
-def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str], Any] = lambda text: None) -> Fit:
+def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str], object] = lambda text: None) -> Fit:
     """The best parameters from several starts; a frequency is looked for and kept only where it explains something.
 
     Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Log(NamedTuple):
         return float(np.median(np.diff(self.t)))
 
 
-def commands_of(plant: Any) -> tuple[str, ...]:
+def commands_of(plant: agvjax.Plant) -> tuple[str, ...]:
     """The columns of a plant's inputs: the names of its actuators, two for one that takes a vector."""
     state = plant.start(agvjax.Start())
     zeros = {name: np.zeros(()) for name in plant.actuators} | ({"position": np.zeros(2)} if plant.feedthrough else {})
@@ -50,7 +50,7 @@ def commands_of(plant: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def load(file: str, plant: Any, columns: Mapping[str, Column], key: str = "LOG.csv") -> Log:
+def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], key: str = "LOG.csv") -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
 
     Raises:
@@ -201,14 +201,14 @@ def _unit_of(ratio: float, name: str) -> tuple[str, str] | None:
     return None
 
 
-class Reading(NamedTuple):
+class HeadingReading(NamedTuple):
     """How a heading is to be read so that a vehicle goes where it looks; in words what differs from the convention."""
 
     degrees: bool
     words: str
 
 
-AS_GIVEN = Reading(False, "")
+AS_GIVEN = HeadingReading(False, "")
 WRONG = 0.3  # of its way that a vehicle slides aside, in the median, so that its heading cannot be read as given
 TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
@@ -217,7 +217,7 @@ TURNED = {  # other conventions, and what they make of an angle
 }
 
 
-def _reading(path: np.ndarray, heading: np.ndarray) -> Reading:
+def _reading(path: np.ndarray, heading: np.ndarray) -> HeadingReading:
     """The way of reading under which a heading fits the way the vehicle goes, where the given one does not at all."""
     picked, last = [], 0  # ends of stretches of at least 2 % of the size of the path, so that noise does not count
     least = 0.02 * float(np.ptp(path, axis=0).max())
@@ -236,7 +236,7 @@ def _reading(path: np.ndarray, heading: np.ndarray) -> Reading:
             aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
             ahead = aside @ turned / max(turned @ turned, 1e-12)  # m, of the reference point before the axle that rolls
             share = np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)
-            off[Reading(degrees, words)] = float(np.median(share))
+            off[HeadingReading(degrees, words)] = float(np.median(share))
     best = min(off, key=lambda reading: off[reading])
     return best if off[best] < WRONG / 2 and off[AS_GIVEN] > WRONG else AS_GIVEN
 

@@ -17,7 +17,7 @@ CLOSER = 3.0  # times closer another reading of them must come to be believed
 UNITS = {1e-3: "them in a unit 1000 times smaller", 1e3: "them in a unit 1000 times larger"}
 
 
-class Reading(NamedTuple):
+class CommandReading(NamedTuple):
     """What commands may be meant as."""
 
     matrix: np.ndarray  # (m, m), of the commands as they stand
@@ -25,11 +25,11 @@ class Reading(NamedTuple):
     mended: str  # in the configuration
 
 
-def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Reading]:
+def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[CommandReading]:
     """Every other reading: units, then all orders and signs, those with the fewest changes first."""
     eye, places, found = np.eye(len(names)), [columns.get(name, Column(name)) for name in names], []
     for factor, words in UNITS.items():
-        yield Reading(factor * eye, words, _spelled(names, places, [factor] * len(names)))
+        yield CommandReading(factor * eye, words, _spelled(names, places, [factor] * len(names)))
     for order in itertools.permutations(range(len(names))):
         for signs in itertools.product((1.0, -1.0), repeat=len(names)):
             moved = [name for i, name in enumerate(names) if order[i] != i]
@@ -38,7 +38,10 @@ def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Re
             parts += [f"{' and '.join(turned)} of the other sign"] if turned else []
             mended = _spelled(names, [places[k] for k in order], signs)
             found.append(
-                (len(moved) + len(turned), Reading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended))
+                (
+                    len(moved) + len(turned),
+                    CommandReading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended),
+                )
             )
     yield from (reading for changes, reading in sorted(found, key=lambda row: row[0]) if changes)
 

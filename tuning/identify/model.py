@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 import agvjax
 from agvjax.engine import loop
 from agvjax.geometry import into_body, wrap
+from agvjax.protocols import Inputs, Plant
 
 from .segments import Segments
 
@@ -22,7 +23,7 @@ CHUNK = 16  # stretches computed together
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
-def channels(plant: Any, state: Any, delivered: dict[str, Any], names: Sequence[str]) -> Float[Array, " C"]:
+def channels(plant: Plant, state: PyTree, delivered: Inputs, names: Sequence[str]) -> Float[Array, " C"]:
     """What is measured of a vehicle in some state, by channel."""
     seen = plant.output(state, delivered)
     along, _ = into_body(seen.velocity, seen.heading)
@@ -34,13 +35,13 @@ def channels(plant: Any, state: Any, delivered: dict[str, Any], names: Sequence[
 class Model(NamedTuple):
     """A scenario whose named leaves are parameters, and the measurements it is compared with."""
 
-    scenario: Any
+    scenario: agvjax.Scenario
     names: tuple[str, ...]
     channels: tuple[str, ...]
     commands: tuple[str, ...]
     substeps: int
 
-    def at(self, p: Float[Array, " P"]) -> Any:
+    def at(self, p: Float[Array, " P"]) -> agvjax.Scenario:
         """The scenario with these parameters."""
         return agvjax.replace(self.scenario, dict(zip(self.names, p, strict=True)))
 
@@ -49,9 +50,9 @@ class Model(NamedTuple):
         start = agvjax.Start(position=measured[:2], velocity=measured[3:], heading=measured[2])  # pyright: ignore
         return ravel_pytree(self.scenario.plant.start(start))[0]
 
-    def split(self, u: Float[Array, " m"]) -> dict[str, Any]:
+    def split(self, u: Float[Array, " m"]) -> Inputs:
         """Inputs by actuator."""
-        found: dict[str, Any] = {}
+        found: Inputs = {}
         for name in self.scenario.plant.actuators:
             own = [i for i, c in enumerate(self.commands) if c == name or c in (f"{name}_x", f"{name}_y")]
             found[name] = u[own[0]] if self.commands[own[0]] == name else u[jnp.array(own)]
@@ -62,18 +63,18 @@ class Model(NamedTuple):
         scenario = self.at(p)
         plant = scenario.plant
         zero = jnp.zeros((), s.dtype)
-        blank: Any = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)  # pyright: ignore
+        blank = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)  # pyright: ignore
         unflatten = ravel_pytree(plant.start(blank))[1]
         parts = {name: loop.actuator(scenario, name) for name in plant.actuators}
         first = self.split(stretch.inputs[0])
         flows = {name: part.init(first[name]) for name, part in parts.items()}
         memories = {name: part.hold(first[name]) for name, part in parts.items()}
 
-        def row(carry: Any, now: Any) -> tuple[Any, Any]:
+        def row(carry: PyTree, now: tuple[Array, Array, Array, Array]) -> tuple[PyTree, Array]:
             t, step, u, live = now
             inputs, h = self.split(u), step / self.substeps
 
-            def rate(x: Any, signal: Any) -> Any:
+            def rate(x: PyTree, signal: PyTree) -> tuple[PyTree, Inputs]:
                 (state, flow), (time, memory) = x, signal
                 given = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
                 delivered = {n: pair[0] for n, pair in given.items()}
@@ -81,7 +82,7 @@ class Model(NamedTuple):
                 moved = jax.tree.map(lambda dx: live * dx, moved)
                 return (moved, {n: pair[1] for n, pair in given.items()}), delivered
 
-            def substep(carry: Any, k: Any) -> tuple[Any, Any]:
+            def substep(carry: PyTree, k: Array) -> tuple[PyTree, Array]:
                 state, flow, memory = carry
                 memory = {n: part.jump(flow[n], memory[n], inputs[n], h) for n, part in parts.items()}
                 signals = [(t + (k + node) * h, memory) for node in agvjax.RK4.nodes]
@@ -94,7 +95,7 @@ class Model(NamedTuple):
         rows = (stretch.t, stretch.h, stretch.inputs, stretch.live)
         return jax.lax.scan(row, (unflatten(s), flows, memories), rows)[1]
 
-    def residual(self, p: Any, s: Any, stretch: Segments) -> Float[Array, "K C"]:
+    def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """Measured less predicted, headings by the shorter way round."""
         off = stretch.seen - self.predict(p, s, stretch)
         turns = np.array([name == "heading" for name in self.channels])
@@ -111,14 +112,17 @@ class Sums(NamedTuple):
     residual: np.ndarray  # (S, K, C), unweighted
 
 
+Says = Callable[[ArrayLike, ArrayLike, Segments], Sums]  # parameters (P,), states (S, n), stretches
+
+
 @functools.lru_cache(2)
-def compiled(model: Model) -> Callable[[Any, Any, Segments], Sums]:
+def compiled(model: Model) -> Says:
     """(parameters (P,), states (S, n), stretches) -> what they say, the states one Gauss-Newton step better."""
 
-    def one(p: Any, s: Any, stretch: Segments) -> Any:
+    def one(p: Array, s: Array, stretch: Segments) -> Sums:
         size, weight = p.size, jnp.sqrt(stretch.weight)
 
-        def off(z: Any) -> Any:
+        def off(z: Array) -> tuple[Array, Array]:
             plain = model.residual(z[:size], z[size:], stretch)
             return (weight * plain).ravel(), plain
 
@@ -131,7 +135,7 @@ def compiled(model: Model) -> Callable[[Any, Any, Segments], Sums]:
 
     chunk = jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
 
-    def run(p: Any, states: Any, stretches: Segments) -> Sums:
+    def run(p: ArrayLike, states: ArrayLike, stretches: Segments) -> Sums:
         count, found = len(stretches.t), []
         for first in range(0, count, CHUNK):  # of one shape, so that one compilation serves logs of any length
             rows = np.minimum(np.arange(first, first + CHUNK), count - 1)
@@ -142,17 +146,17 @@ def compiled(model: Model) -> Callable[[Any, Any, Segments], Sums]:
     return run
 
 
-def _with_jacobian(f: Any, z: Any) -> tuple[Any, Any, Any]:
+def _with_jacobian(f: Callable[[Array], tuple[Array, Array]], z: Array) -> tuple[Array, Array, Array]:
     """Values (M,) of f, its Jacobian (M, Z) and what else it returns, in one pass."""
 
-    def along(side: Any) -> Any:
+    def along(side: Array) -> tuple[Array, Array, Array]:
         return jax.jvp(f, (z,), (side,), has_aux=True)
 
     value, slopes, more = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(z.size, dtype=z.dtype))
     return value, slopes, more
 
 
-def _solve(J: Any, b: Any) -> Any:
+def _solve(J: Array, b: Array) -> Array:
     """Least squares by the normal equations, scaled; a column of zeros is left at 0."""
     size = jnp.sqrt(jnp.sum(J**2, axis=0))
     scale = jnp.where(size > 0, size, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,9 @@ from ..io import files
 from ..io.pages import grid, html
 from . import figures
 from .excitation import Drive
-from .fit import Fit, Task
 from .posterior import posterior
-from .predict import Prediction
-from .verdict import Estimate, Verdict
+from .run import Identified
+from .verdict import Estimate, FitVerdict
 
 UNKNOWN = "not identifiable"
 COLOURED = 0.3  # correlation from row to row above which the model lacks something
@@ -30,17 +29,7 @@ METHOD = (
 )
 
 
-class Found(NamedTuple):
-    """All that one run found."""
-
-    task: Task
-    fit: Fit
-    verdict: Verdict
-    predictions: list[Prediction]
-    drive: Drive | None
-
-
-def write(config: Config, found: Found, out: Path) -> str:
+def write(config: Config, found: Identified, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
     drawn = {"deadzones": figures.deadzones(found.task, found.fit, found.verdict)}
     drawn |= {"residuals": figures.residuals(found.fit, found.verdict), "paths": figures.paths(found.task, found.fit)}
@@ -59,6 +48,12 @@ def write(config: Config, found: Found, out: Path) -> str:
     return "\n\n".join([table(found.verdict), *_warnings(found), *([predicted(found)] if found.predictions else [])])
 
 
+def write_first(drive: Drive, out: Path) -> str:
+    """A drive where there is no log yet, into a folder; returns what is printed."""
+    write_drive(drive, out)
+    return suggestion(drive)
+
+
 def write_drive(drive: Drive, out: Path) -> None:
     """`excitation.csv` and its picture."""
     header = ["t", *drive.commands, "expected_x", "expected_y", "expected_heading"]
@@ -67,7 +62,7 @@ def write_drive(drive: Drive, out: Path) -> None:
     files.write_figure(out / "excitation.png", figures.drive(drive))
 
 
-def estimates(found: Found) -> dict[str, Any]:
+def estimates(found: Identified) -> dict[str, Any]:
     """The numbers, for scripts; of what is not identifiable none but its reason."""
 
     def told(e: Estimate) -> dict[str, Any]:
@@ -94,7 +89,7 @@ def estimates(found: Found) -> dict[str, Any]:
     }
 
 
-def table(verdict: Verdict) -> str:
+def table(verdict: FitVerdict) -> str:
     """A row for each parameter; no number where the log does not tell."""
     rows = []
     for e in verdict.estimates:
@@ -117,25 +112,25 @@ def table(verdict: Verdict) -> str:
     return grid(["parameter", "value", "95 % interval", "unit", "deviation", "by bootstrap"], rows)
 
 
-def missing(verdict: Verdict) -> str:
+def missing(verdict: FitVerdict) -> str:
     """What is not identifiable, why, and what drive would tell it."""
     rows = [[e.name, e.reason, e.drive] for e in verdict.estimates if not e.identified and e.drive]
     return grid(["parameter", "why", "what would tell it"], rows)
 
 
-def absent(verdict: Verdict) -> str:
+def absent(verdict: FitVerdict) -> str:
     """What was looked for and is not there."""
     return grid(["parameter", ""], [[e.name, e.reason] for e in verdict.estimates if not e.identified and not e.drive])
 
 
-def predicted(found: Found) -> str:
+def predicted(found: Identified) -> str:
     """How well other drives are predicted."""
     rows = [[p.log, p.windows, f"{1e3 * p.worst:.1f}", f"{1e3 * p.rms:.1f}"] for p in found.predictions]
     horizon = found.predictions[0].horizon
     return grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]"], rows)
 
 
-def _warnings(found: Found) -> list[str]:
+def _warnings(found: Identified) -> list[str]:
     fit, verdict, told = found.fit, found.verdict, []
     lost = [e.name for e in verdict.estimates if not e.identified and e.drive]
     if lost:
@@ -161,7 +156,7 @@ def _warnings(found: Found) -> list[str]:
     return told
 
 
-def page(found: Found, drawn: list[str]) -> str:
+def page(found: Identified, drawn: list[str]) -> str:
     """`report.md`."""
     fit, counts = found.fit, found.fit.counts
     logs = ", ".join(log.name for log in found.task.logs)

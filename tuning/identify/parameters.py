@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 import agvjax
 from agvjax.leaves import get, leaves, rule_of, unit_of
+from agvjax.protocols import Element
 
 from .log import Log
 
@@ -38,20 +39,24 @@ class Parameter(NamedTuple):
     floor: float  # an uncertainty below this is small whatever the value
 
 
-def prepared(scenario: Any, fit: Sequence[str], period: float) -> Any:
+def parts_of(chain: Element) -> dict[str, Element]:
+    """The elements that stand behind one another in an actuator, by name; a single one is called `element`."""
+    return dict(chain.items()) if isinstance(chain, agvjax.Chain) else {"element": chain}
+
+
+def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float) -> agvjax.Scenario:
     """The scenario with all that the groups ask for: an element in every actuator, a disturbance of one frequency."""
     chains = dict(scenario.actuators)
     for group, element in ELEMENTS.items():
         for name in scenario.plant.actuators:
-            parts = dict(chains.get(name, {}))
+            parts = parts_of(chains[name]) if name in chains else {}
             if group in fit and not any(isinstance(part, element) for part in parts.values()):
                 parts = {group: element()} | parts
             for key, part in parts.items():
                 if isinstance(part, agvjax.Delay):  # long enough a memory for the longest delay that is tried
                     wanted = 2 + int(np.ceil(LATEST / period))
-                    start = (
-                        float(part.time) if name in scenario.actuators and key in scenario.actuators[name] else period
-                    )
+                    there = name in scenario.actuators and key in parts_of(scenario.actuators[name])
+                    start = float(part.time) if there else period
                     parts[key] = dataclasses.replace(part, slots=max(part.slots, wanted), time=start)
             if parts:
                 chains[name] = agvjax.Chain(**parts)
@@ -61,7 +66,7 @@ def prepared(scenario: Any, fit: Sequence[str], period: float) -> Any:
     return dataclasses.replace(scenario, actuators=chains, disturbance=disturbance, sensor=None)
 
 
-def named(scenario: Any, fit: Sequence[str]) -> tuple[str, ...]:
+def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
     """The leaves that groups and names mean, each once."""
     found: list[str] = []
     known = leaves(scenario)
@@ -71,9 +76,8 @@ def named(scenario: Any, fit: Sequence[str]) -> tuple[str, ...]:
         elif entry in ELEMENTS:
             last = {"delay": "time", "lag": "time_constant"}[entry]
             for name, chain in scenario.actuators.items():
-                found += [
-                    f"actuators.{name}.{key}.{last}" for key, x in chain.items() if isinstance(x, ELEMENTS[entry])
-                ]
+                own = [key for key, part in parts_of(chain).items() if isinstance(part, ELEMENTS[entry])]
+                found += [f"actuators.{name}.{key}.{last}" for key in own]
         elif entry == "disturbance":
             found += [name for name in known if name.startswith("disturbance.") and name != "disturbance.phase"]
         elif entry == "vehicle":
@@ -83,16 +87,16 @@ def named(scenario: Any, fit: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def faults(scenario: Any, fit: Sequence[str]) -> list[agvjax.Fault]:
+def unknown(scenario: agvjax.Scenario, fit: Sequence[str]) -> list[str]:
     """Entries of `identify.fit` that name nothing that can be fitted."""
     known = {n: x for n, x in leaves(scenario).items() if not n.startswith(("start.", "path.", "sensor.", "limit"))}
     groups = set(fit) & set(GROUPS)
-    wrong = [name for name in fit if name not in groups and (name not in known or np.ndim(known[name]))]
-    rule = f"a group, {', '.join(GROUPS)}, or a number of the scenario's plant, deadzone, actuators or disturbance"
-    return [agvjax.Fault("identify.fit", name, rule) for name in wrong]
+    return [name for name in fit if name not in groups and (name not in known or np.ndim(known[name]))]
 
 
-def parameters(scenario: Any, names: Sequence[str], logs: Sequence[Log], substep: float) -> tuple[Parameter, ...]:
+def parameters(
+    scenario: agvjax.Scenario, names: Sequence[str], logs: Sequence[Log], substep: float
+) -> tuple[Parameter, ...]:
     """Where to look for each, by what it is and by what was commanded."""
     return tuple(_parameter(scenario, name, logs, substep) for name in names)
 
@@ -105,7 +109,7 @@ def largest(logs: Sequence[Log], name: str) -> float:
     return float(max(0.0, *((sign * log.inputs[:, own]).max() for log in logs)))
 
 
-def _parameter(scenario: Any, name: str, logs: Sequence[Log], substep: float) -> Parameter:
+def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float) -> Parameter:
     value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_of(scenario, name)
     if last.startswith("slope_"):
         return Parameter(name, unit, value, *SLOPES, max(1.0, value), 0.0)

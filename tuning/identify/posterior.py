@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -13,15 +12,15 @@ from agvjax.leaves import leaves
 from ..config.settings import Config
 from ..ensemble.draws import Between, Correlation, Distribution, Draw, correlated, default_draws
 from .fit import Fit
-from .parameters import SINUSOID, sinusoidal
-from .verdict import Estimate, Verdict
+from .parameters import SINUSOID, parts_of, sinusoidal
+from .verdict import Estimate, FitVerdict
 
 TAIL = 4.0  # standard deviations from its bound within which a parameter's distribution is cut off there
 SHRUNK = 1e-3  # by which correlations are drawn towards 0, so that their matrix has a factor
 CHANNELS = {"position": ("x", "y"), "velocity": ("vx", "vy"), "heading": ("heading",), "yaw_rate": ("yaw_rate",)}
 
 
-def posterior(config: Config, fit: Fit, verdict: Verdict) -> Config:
+def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     """The configuration with what was identified in place of what was assumed, and as its ensemble how surely.
 
     What the log did not tell stays as it was assumed, with the draws that it had; a number of a deadzone that had none
@@ -45,7 +44,9 @@ def posterior(config: Config, fit: Fit, verdict: Verdict) -> Config:
     if correlation is not None:
         draws = correlated(draws, correlation)
     ensemble = dataclasses.replace(config.ensemble, draws=draws, correlation=correlation)
-    return dataclasses.replace(config, scenario=scenario, ensemble=ensemble, controller=_believing(config, scenario))
+    return dataclasses.replace(
+        config, scenario=scenario, ensemble=ensemble, controller=config.controller.believing(scenario.plant)
+    )
 
 
 def distribution(estimate: Estimate, low: float) -> Distribution:
@@ -57,7 +58,7 @@ def distribution(estimate: Estimate, low: float) -> Distribution:
     return Distribution("truncnorm", {"a": a, "b": max(TAIL, a + TAIL), "loc": e.value, "scale": e.deviation})
 
 
-def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
+def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> agvjax.Scenario:
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
     steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
@@ -65,14 +66,14 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
     period = min(steps if own is None else float(own), float(fit.segments.h.mean()))
     chains = {}
     for name, chain in fitted.actuators.items():
-        parts = dict(chain)
+        parts = parts_of(chain)
         for key, part in parts.items():
             if isinstance(part, agvjax.Delay):
                 e = known.get(f"actuators.{name}.{key}.time")
                 longest = float(part.time) if e is None else e.value + TAIL * e.deviation
                 longest += float(part.jitter)
                 parts[key] = dataclasses.replace(part, slots=2 + int(np.ceil(longest / period)))
-        before_parts = dict(before.actuators.get(name, {}))
+        before_parts = parts_of(before.actuators[name]) if name in before.actuators else {}
         kept = {
             k: x for k, x in parts.items() if k in before_parts or any(f"actuators.{name}.{k}." in n for n in known)
         }
@@ -89,12 +90,7 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> Any:
     return dataclasses.replace(before, actuators=chains, disturbance=disturbance, sensor=sensor)
 
 
-def _believing(config: Config, scenario: Any) -> Any:
-    """The controller, its computer taking the vehicle for what was identified."""
-    return config.controller.believing(scenario.plant)
-
-
-def _correlation(verdict: Verdict) -> Correlation | None:
+def _correlation(verdict: FitVerdict) -> Correlation | None:
     places = [i for i, e in enumerate(verdict.estimates) if e.identified]
     if len(places) < 2:
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,27 +21,6 @@ from .segments import cut, thinned, widened
 STEP = 0.0101  # s, the longest that is integrated at once
 LEAST_STRETCHES = 5
 BRIEF, SOME = 4, 64  # times shorter are the stretches that the starts are fitted to, and how many of them
-
-
-def check(config: Config) -> None:
-    """Is this a plant and a wish that a log can answer?
-
-    Raises:
-        agvjax.InputError: names every bad key.
-    """
-    found = wanted.faults(prepared(config, 0.02), config.identify.fit)
-    if config.precision != 64:
-        found.append(Fault("precision", config.precision, "64: intervals come from matrices too uneven for 32 bits"))
-    if not config.scenario.plant.needs(agvjax.Motion(*np.zeros((4, 1)))):  # it does not say what it takes
-        rule = "a vehicle: unicycle, differential_drive, kinematic_single_track, single_track"
-        found.append(Fault("scenario.plant", type(config.scenario.plant).__name__, rule))
-    if found:
-        raise InputError(found)
-
-
-def prepared(config: Config, step: float) -> Any:
-    """The scenario with the elements that the wishes are about."""
-    return wanted.prepared(config.scenario, config.identify.fit, step)
 
 
 def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
@@ -79,7 +57,7 @@ def task(files: Sequence[str], config: Config) -> Task:
         )
         raise InputError([Fault("LOG.csv", first.name, rule)])
     shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
-    model = of(config, tuple(first.measured), first.commands, shortest)
+    model = model_of(config, tuple(first.measured), first.commands, shortest)
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
@@ -92,8 +70,8 @@ def task(files: Sequence[str], config: Config) -> Task:
     return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns)
 
 
-def of(config: Config, channels: tuple[str, ...], commands: tuple[str, ...], step: float) -> Model:
+def model_of(config: Config, channels: tuple[str, ...], commands: tuple[str, ...], step: float) -> Model:
     """The model that is fitted to rows `step` s apart."""
-    scenario = agvjax.check(prepared(config, step))
+    scenario = agvjax.check(wanted.prepared(config.scenario, config.identify.fit, step))
     names = wanted.named(scenario, config.identify.fit)
     return Model(scenario, names, channels, commands, max(1, int(np.ceil(step / STEP))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Estimate(NamedTuple):
     drive: str  # what drive would tell; empty where none is needed
 
 
-class Verdict(NamedTuple):
+class FitVerdict(NamedTuple):
     """All estimates, and how they go together."""
 
     estimates: tuple[Estimate, ...]
@@ -43,7 +43,7 @@ class Verdict(NamedTuple):
     covariance: np.ndarray  # (P, P), Gauss-Newton
 
 
-def judge(fit: Fit, draws: int, seed: int) -> Verdict:
+def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     """Intervals and identifiability of every parameter."""
     parameters, free = fit.parameters, fit.free
     width = np.array([q.width for q in parameters])
@@ -59,12 +59,12 @@ def judge(fit: Fit, draws: int, seed: int) -> Verdict:
     found = []
     for i, q in enumerate(parameters):
         found.append(_estimate(fit, i, q, deviation[i], again[i], felt[i], correlation[i]))
-    return Verdict(tuple(found), correlation, _white(fit), covariance)
+    return FitVerdict(tuple(found), correlation, _white(fit), covariance)
 
 
-def identify(
-    task: Task, settings: Identify, seed: int, tick: Callable[[str], Any] = lambda text: None
-) -> tuple[Fit, Verdict]:
+def settled(
+    task: Task, settings: Identify, seed: int, tick: Callable[[str], object] = lambda text: None
+) -> tuple[Fit, FitVerdict]:
     """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0."""
     found = fit(task, settings.starts, settings.outlier, seed, tick)
     verdict = judge(found, settings.bootstrap, seed)
@@ -79,7 +79,7 @@ def identify(
     return found, verdict
 
 
-def _doubtful_sinusoid(found: Fit, verdict: Verdict) -> dict[str, str]:
+def _doubtful_sinusoid(found: Fit, verdict: FitVerdict) -> dict[str, str]:
     """The sinusoid that was looked for, if by the deviations of the bootstrap it is not worth its place either."""
     names = [e.name for e in verdict.estimates]
     if OMEGA not in names or not found.free[names.index(OMEGA)]:
@@ -93,7 +93,7 @@ def _doubtful_sinusoid(found: Fit, verdict: Verdict) -> dict[str, str]:
     return {OMEGA: why} | {names[i]: f"{why}; taken as 0" for i in wavy}
 
 
-def _doubtful_constants(found: Fit, verdict: Verdict) -> dict[str, str]:
+def _doubtful_constants(found: Fit, verdict: FitVerdict) -> dict[str, str]:
     """Constant pushes whose intervals hold 0."""
     return {
         e.name: f"no constant push found, at most {max(abs(e.low), abs(e.high)):.2g}; taken as 0"

@@ -29,8 +29,8 @@ class _Metrics(dict[str, np.ndarray]):
     """Metrics by name; an old name is known and said to be old."""
 
     def __missing__(self, name: str) -> np.ndarray:
-        new = OLD_NAMES.get(name)
-        if new not in self:
+        new = OLD_NAMES.get(name, name)
+        if new == name or new not in self:
             raise KeyError(name)
         warnings.warn(f"metric {name!r} is now {new!r}", DeprecationWarning, stacklevel=2)
         return self[new]

@@ -124,7 +124,7 @@ def write_shard(
 ) -> None:
     """One shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
     first, count = manifest.span(shard)
-    arrays: dict[str, ArrayLike] = {"digest": manifest.digest, "first": first, "count": count}
+    arrays: dict[str, ArrayLike] = {"digest": np.asarray(manifest.digest), "first": first, "count": count}
     arrays |= {f"result/{name}": value for name, value in results.items()}
     arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
     files.write_npz(path_of(folder, shard), arrays)

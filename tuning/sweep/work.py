@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
-from jax.tree_util import PyTreeDef
 from jaxtyping import Array
 
 import agvjax
@@ -95,7 +94,7 @@ def judges(config: Config, plan: Design, laws: Sequence[Law], size: int) -> list
     """For every controller, what makes metrics and `ok` (size,) of the leaves of so many scenarios; compiled."""
     values = plan.values(0, min(size, plan.size))
     example = {name: _padded(value, size) for name, value in values.items()}
-    compiled: dict[tuple[PyTreeDef, tuple[tuple[int, ...], ...]], jax.stages.Compiled] = {}
+    compiled: dict[Hashable, jax.stages.Compiled] = {}
 
     def judge(law: Law, law_values: Leaves, scenario_values: Leaves) -> dict[str, Array]:
         controller = agvjax.batch(law, law_values) if law_values else law

@@ -233,7 +233,7 @@ def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
     scenario = truth(1)
     t = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.03, 1500))  # and irregular
     u = np.stack([0.8 + 0.3 * np.sin(2 * t), 2.0 * np.sin(1.3 * t)], axis=1)
-    model = tasks.of(settings(fit=["deadzone", "delay"]), ("x", "y", "heading", "vx", "vy"), COLUMNS[6:], 0.02)
+    model = tasks.model_of(settings(fit=["deadzone", "delay"]), ("x", "y", "heading", "vx", "vy"), COLUMNS[6:], 0.02)
     designer = Designer(model, (), np.array([float(get(scenario, n)) for n in model.names]), np.ones(5), None, 2.0, 0.5)
     log = designer.driven(t, u)
     seen = np.column_stack([t, *(log.measured[c] for c in ("x", "y", "heading", "vx", "vy")), u])
@@ -258,7 +258,7 @@ def test_the_prediction_is_that_of_the_simulator():
     scenario = truth(3)
     run = agvjax.simulate(LAW, scenario, dt=5e-3, n_steps=400, save_every=4)
     config = settings(fit=["deadzone", "delay", "disturbance", "vehicle"])
-    model = tasks.of(config, ("x", "y", "heading"), COLUMNS[6:], 0.02)._replace(substeps=4)
+    model = tasks.model_of(config, ("x", "y", "heading"), COLUMNS[6:], 0.02)._replace(substeps=4)
     p = np.array([float(get(scenario, name)) for name in model.names])
     n, start = run.t.size, agvjax.check(scenario).start
     state = ravel_pytree(scenario.plant.start(start))[0]
