@@ -61,6 +61,7 @@ def _renamed(cls: type) -> dict[str, Any]:
         "step": lambda step: {"advance": step},
         "relieved": lambda _: {"relieves": True},
         "period": lambda _: {"control_period": lambda self: self.period},
+        "L": lambda _: {"lever": lambda self: self.L},
         "needs": lambda needs: {"needs": lambda self, motion: needs(self, *motion)},
     }
     if not hasattr(cls, "law"):

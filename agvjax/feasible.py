@@ -1,6 +1,6 @@
 """Can the vehicle follow the path at all? Asked on the host, before a run, of the scenario's nominal numbers.
 
-A body that rolls without slip and holds its reference point, `plant.L` ahead of the axle, on the path exactly has one
+A body that rolls without slip and holds its reference point, L = `plant.lever()` ahead of the axle, on the path has one
 free number, its heading. At the path's velocity (x_d', y_d') that turns by eqs. (1), (2):
 
     psi' = (-x_d' sin psi + y_d' cos psi) / L,    v = x_d' cos psi + y_d' sin psi,    w = psi'.
@@ -11,36 +11,23 @@ alpha = w' = (u_t - v w) / L. Disturbances, slopes of the road and, of a car, th
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .engine.loop import actuator
 from .leaves import cast
+from .messages import Reference
 from .paths.heading import reference
-from .plants import Decoupled, DecoupledState
-from .protocols import Element, Motion, Reach
+from .protocols import Heading, Motion, Path, Plant, Reach
+from .scenario import Scenario
 
 POINTS = 4001
 PAST = 30.0  # lengths L of travel after which where a heading began is forgotten: exp(-30)
 SLACK, TINY = 1e-3, 1e-6  # share of a limit, and what, it may be exceeded by without a word
-UNITS = {
-    "acceleration": "m/s^2",
-    "yaw_acceleration": "rad/s^2",
-    "lateral_acceleration": "m/s^2",
-    "steering_rate": "rad/s",
-    "steering_angle": "rad",
-    "speed": "m/s",
-    "torque_left": "Nm",
-    "torque_right": "Nm",
-    "wheel_speed_left": "rad/s",
-    "wheel_speed_right": "rad/s",
-    "position_x": "m/s^2",
-    "position_y": "m/s^2",
-    "heading": "rad/s",
-}
 RATE = "rate of "
 
 
@@ -50,14 +37,14 @@ class Demands(NamedTuple):
     t: np.ndarray  # s
     path_speed: np.ndarray  # m/s
     curvature: np.ndarray  # 1/m, the path's, positive in a left turn; 0 where it stands still
-    heading: np.ndarray  # rad, psi, of the body; empty of a plant that has no `needs` or no `L`, as the next two
+    heading: np.ndarray  # rad, psi, of a body that rolls; empty of another plant, as the next two
     speed: np.ndarray  # m/s, v, of the axle along the body
     yaw_rate: np.ndarray  # rad/s, w
     needs: dict[str, np.ndarray]  # what must be delivered, the rate of that, and what else the plant names
 
 
 @np.errstate(all="ignore")  # of a path that is not finite
-def demands(scenario: Any, horizon: float, points: int = POINTS) -> Demands:
+def demands(scenario: Scenario, horizon: float, points: int = POINTS) -> Demands:
     """What following the scenario's path exactly takes over `horizon` [s], or to the end of an open `Waypoints`.
 
     The heading at t = 0 is the one that the path's own past leads to: at t < 0, 30 lengths L back. Where that is not
@@ -70,22 +57,21 @@ def demands(scenario: Any, horizon: float, points: int = POINTS) -> Demands:
     pace = np.abs(velocity)
     cross = np.imag(np.conj(velocity) * second)
     curvature = np.divide(cross, pace**3, out=np.zeros_like(pace), where=pace > 0)
-    heading = v = w = np.empty(0)
-    needs: dict[str, np.ndarray] = {}
-    if isinstance(plant, Decoupled):
-        needs = {name: np.asarray(x, float) for name, x in _decoupled(scenario, path, t[::2]).items()}
-    elif hasattr(plant, "L") and plant.needs(Motion(*np.zeros((4, 1)))):
-        L = float(plant.L)
+    heading, motion = np.empty(0), Motion(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
+    if (lever := plant.lever()) is None:
+        asked = cast(scenario.heading, jnp.result_type(float))
+        motion = motion._replace(asked=_asked(path, asked, jnp.asarray(t[::2], jnp.result_type(float))))
+    else:
+        L = float(lever)
         z = _carried(_begin(path, velocity, curvature, L), velocity, end / (points - 1), L)
-        heading = np.unwrap(np.angle(z))
-        v, w, a, alpha = _body(velocity[::2], second[::2], z, L)
-        needs = {name: np.asarray(x, float) for name, x in plant.needs(Motion(v, w, a, alpha)).items()}
-    channels = [name for name in needs if _channel(plant, name) in plant.actuators]
-    needs |= {RATE + name: np.gradient(needs[name], t[::2]) for name in channels}
-    return Demands(t[::2], pace[::2], curvature[::2], heading, v, w, needs)
+        heading, motion = np.unwrap(np.angle(z)), _body(velocity[::2], second[::2], z, L)
+    needs = {name: np.asarray(x, float) for name, x in plant.needs(motion).items() if np.size(x)}
+    delivered = {part for name in plant.actuators for part in plant.parts(name)}
+    needs |= {RATE + name: np.gradient(values, t[::2]) for name, values in needs.items() if name in delivered}
+    return Demands(t[::2], pace[::2], curvature[::2], heading, motion.speed, motion.yaw_rate, needs)
 
 
-def limits(scenario: Any) -> dict[str, tuple[float, float]]:
+def limits(scenario: Scenario) -> dict[str, tuple[float, float]]:
     """The least and the most of what `demands` names: what actuators can deliver, what the plant itself can.
 
     Only what has a limit is named. A `Steered` plant above its `limits.switch` accelerates less than is said here.
@@ -95,16 +81,16 @@ def limits(scenario: Any) -> dict[str, tuple[float, float]]:
     for name in plant.actuators:
         low, high, rate = actuator(scenario, name).reach(Reach())
         least, most = reach.get(name, (-np.inf, np.inf))
-        for part in _parts(plant, name):
+        for part in plant.parts(name):
             reach[part] = (max(low, least), min(high, most))
             reach[RATE + part] = (-rate, rate)
     return {name: pair for name, pair in reach.items() if np.isfinite(pair).any()}
 
 
-def path_warnings(scenario: Any, horizon: float) -> list[str]:
+def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     """Why the path cannot be followed exactly, one sentence for each reason: quantity, what is needed, when, the limit.
 
-    Empty where nothing stands against it, and of a plant that does not say what it needs.
+    Empty where nothing stands against it.
     """
     try:
         found, bounds = demands(scenario, horizon), limits(scenario)
@@ -114,36 +100,47 @@ def path_warnings(scenario: Any, horizon: float) -> list[str]:
     finite = np.isfinite(found.path_speed) & np.isfinite(found.curvature)
     if not finite.all():
         return [f"the path is not finite at t = {found.t[np.argmin(finite)]:.3g} s"]
-    said = []
+    said, plant = [], scenario.plant
+    if not found.needs:
+        said.append(f"{type(plant).__name__}: does not say what following a path takes")
     if ends:
         last, pace = scenario.path.end(), found.path_speed[-1]
         said.append(f"the path ends after {last:.3g} s of {horizon:.3g} s: it stops at once from {pace:.3g} m/s")
-    said += _reverses(found, float(getattr(scenario.plant, "L", 0.0)))
-    exceeded = [_exceeded(name, found, *bounds[name]) for name in found.needs if name in bounds]
+    said += _reverses(found, plant)
+    exceeded = [_exceeded(name, _unit(plant, name), found, *bounds[name]) for name in found.needs if name in bounds]
     return said + [sentence for sentence in exceeded if sentence]
 
 
-def _ends(path: Any, horizon: float) -> bool:
+def _ends(path: Path, horizon: float) -> bool:
     return path.end() < horizon * (1 - 1e-6)
 
 
 @jax.jit
-def _rates(path: Any, t: Any) -> tuple[Any, Any]:
-    def one(time: Any) -> tuple[Any, Any]:
+def _rates(path: Path, t: Array) -> tuple[Array, Array]:
+    def one(time: Array) -> tuple[Array, Array]:
         found = reference(path, lambda _, time: jnp.zeros_like(time), time)  # of the tangent nothing is needed
         return found.velocity, found.acceleration
 
     return jax.vmap(one)(t)
 
 
-def _motion(path: Any, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+@jax.jit
+def _asked(path: Path, heading: Heading | None, t: Array) -> Reference:
+    return jax.vmap(lambda time: reference(path, heading, time))(t)
+
+
+def _unit(plant: Plant, name: str) -> str:
+    return plant.units.get(name.removeprefix(RATE), "")
+
+
+def _motion(path: Path, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and acceleration of the path as complex numbers x + i y."""
     rates = _rates(path, jnp.asarray(t, jnp.result_type(float)))
     velocity, second = (np.asarray(x, float) for x in rates)
     return velocity[:, 0] + 1j * velocity[:, 1], second[:, 0] + 1j * second[:, 1]
 
 
-def _begin(path: Any, velocity: np.ndarray, curvature: np.ndarray, L: float) -> complex:
+def _begin(path: Path, velocity: np.ndarray, curvature: np.ndarray, L: float) -> complex:
     """The heading exp(i psi) at t = 0."""
     speed = np.abs(velocity)
     if not speed.any() or not np.isfinite(speed).all():
@@ -187,59 +184,28 @@ def _carried(z: complex, velocity: np.ndarray, h: float, L: float) -> np.ndarray
     return np.array(headings)
 
 
-def _body(velocity: np.ndarray, second: np.ndarray, z: np.ndarray, L: float) -> tuple[np.ndarray, ...]:
+def _body(velocity: np.ndarray, second: np.ndarray, z: np.ndarray, L: float) -> Motion:
     """Speed v, yaw rate w, a and alpha, see above."""
     along, push = velocity * np.conj(z), second * np.conj(z)
     v, w = np.real(along), np.imag(along) / L
-    return v, w, np.real(push) + L * w**2, (np.imag(push) - v * w) / L
+    return Motion(v, w, np.real(push) + L * w**2, (np.imag(push) - v * w) / L)
 
 
-@jax.jit
-def _left(plant: Any, path: Any, heading: Any, t: Any) -> tuple[Any, Any]:
-    def one(time: Any) -> tuple[Any, Any]:
-        asked = reference(path, heading, time)
-        state = DecoupledState(position=asked.position, velocity=asked.velocity, heading=asked.heading)
-        nothing = {"position": jnp.zeros_like(asked.position), "heading": asked.heading_rate}
-        free = plant.derivative(state, None, nothing, jnp.zeros(3, asked.position.dtype))
-        return asked.acceleration - free.velocity, asked.heading_rate
-
-    return jax.vmap(one)(t)
-
-
-def _decoupled(scenario: Any, path: Any, t: np.ndarray) -> dict[str, Any]:
-    """Of eq. (6): the path's acceleration less F [m/s^2], and the rate of the heading that is asked for [rad/s]."""
-    dtype = jnp.result_type(float)
-    plant, heading = (cast(tree, dtype) for tree in (scenario.plant, scenario.heading))
-    push, rate = _left(plant, path, heading, jnp.asarray(t, dtype))
-    return {"position_x": push[:, 0], "position_y": push[:, 1], "heading": rate}
-
-
-def _channel(plant: Any, name: str) -> str:
-    """The actuator of what is needed: `position` delivers along both axes."""
-    return name.removesuffix("_x").removesuffix("_y") if isinstance(plant, Decoupled) else name
-
-
-def _parts(plant: Any, name: str) -> tuple[str, ...]:
-    return ("position_x", "position_y") if isinstance(plant, Decoupled) and name == "position" else (name,)
-
-
-def deliverable(part: Element) -> tuple[float, float]:
-    """The least and the most that an element or a chain of them can deliver, whatever it is asked for."""
-    low, high, _ = part.reach(Reach())
-    return low, high
-
-
-def _reverses(found: Demands, L: Any) -> list[str]:
+def _reverses(found: Demands, plant: Plant) -> list[str]:
     """A vehicle that steers a wheel and would have to stand still or to drive backwards."""
     if "steering_angle" not in found.needs or (found.speed > 0).all():
         return []
-    worst, tightest = int(np.argmin(found.speed)), float(np.max(np.abs(found.curvature)))
+    L, worst, tightest = (
+        float(plant.lever() or 0.0),
+        int(np.argmin(found.speed)),
+        float(np.max(np.abs(found.curvature))),
+    )
     tight = f"; its smallest radius is {1 / tightest:.3g} m, the wheelbase {L:.3g} m" if tightest * L > 1 else ""
     when = f"{found.speed[worst]:.3g} m/s at t = {found.t[worst]:.3g} s"
     return [f"speed: the path makes the vehicle stand still or reverse, {when}{tight}"]
 
 
-def _exceeded(name: str, found: Demands, low: float, high: float) -> str:
+def _exceeded(name: str, unit: str, found: Demands, low: float, high: float) -> str:
     """The sentence on a quantity that leaves its limits most at some instant; empty if it keeps them."""
     needed = found.needs[name]
     if not np.isfinite(needed).all():
@@ -251,7 +217,7 @@ def _exceeded(name: str, found: Demands, low: float, high: float) -> str:
     if over[worst] <= SLACK * abs(limit) + TINY:
         return ""
     plain = name.removeprefix(RATE)
-    need, when = f"{needed[worst]:.3g} {UNITS.get(plain, '')}".rstrip(), f"at t = {found.t[worst]:.3g} s"
+    need, when = f"{needed[worst]:.3g} {unit}".rstrip(), f"at t = {found.t[worst]:.3g} s"
     if name != plain:
         return f"{plain}: the path needs a change by {need} per s {when}, it changes by {high:.3g} at most"
     return f"{name}: the path needs {need} {when}, the vehicle has {limit:.3g} at {end}"

@@ -25,6 +25,11 @@ def turned(velocity: Float[Array, "2"], yaw_rate: Float[Array, ""]) -> Float[Arr
     return yaw_rate * jnp.stack([-velocity[1], velocity[0]])
 
 
+def direction(angle: Float[Array, ""]) -> Float[Array, "2"]:
+    """The unit vector along an angle [rad]."""
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
 def into_body(vector: Float[Array, "2"], heading: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Components of a vector of the plane along the heading and across it, to the left."""
     sine, cosine = jnp.sin(heading), jnp.cos(heading)

@@ -137,12 +137,16 @@ class Law:
 
 
 class Motion(NamedTuple):
-    """What following a path exactly asks of a vehicle, at n instants; see `agvjax.demands`."""
+    """What following a path exactly asks of a vehicle, at n instants; see `agvjax.demands`.
+
+    Of a plant with a `lever`, a body that rolls, the first four are given; of any other plant `asked` is.
+    """
 
     speed: np.ndarray  # m/s, v, of the axle along the body
     yaw_rate: np.ndarray  # rad/s, w
     acceleration: np.ndarray  # m/s^2, v'
     yaw_acceleration: np.ndarray  # rad/s^2, w'
+    asked: Reference | None = None  # of the path, each part with a leading n
 
 
 class Plant:
@@ -188,6 +192,10 @@ class Plant:
     def achieved(self, inputs: Inputs, measurement: Measurement) -> Float[Array, "2"]:
         """The position command [m/s^2] that inputs amount to; anti-windup needs it."""
         raise NotImplementedError(f"{type(self).__name__} needs achieved(inputs, measurement) for anti-windup")
+
+    def lever(self) -> Real | None:
+        """How far [m] ahead of the axle the reference point of a body that rolls without slip is, L of eq. (2)."""
+        return None
 
     def needs(self, motion: Motion) -> dict[str, np.ndarray]:
         """By actuator, and by what else has a limit, what must be delivered for a motion; empty: it does not say."""

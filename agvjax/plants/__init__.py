@@ -26,12 +26,12 @@ from .decoupled import TurnedVelocity as TurnedVelocity
 from .differential_drive import DifferentialDrive as DifferentialDrive
 from .differential_drive import SpeedDrive as SpeedDrive
 from .differential_drive import TorqueDrive as TorqueDrive
+from .kinematic_single_track import KinematicSingleTrack as KinematicSingleTrack
+from .kinematic_single_track import KinematicState as KinematicState
 from .road import FrictionPatch as FrictionPatch
-from .single_track import KinematicSingleTrack as KinematicSingleTrack
-from .single_track import KinematicState as KinematicState
 from .single_track import SingleTrack as SingleTrack
 from .single_track import SingleTrackState as SingleTrackState
-from .single_track import SteeringLimits as SteeringLimits
+from .steered import SteeringLimits as SteeringLimits
 from .tyre import LinearTyre as LinearTyre
 from .tyre import SaturatingTyre as SaturatingTyre
 from .unicycle import RollingState as RollingState

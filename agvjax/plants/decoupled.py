@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, PyTree
 
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import turned
 from ..messages import Command, Measurement, Start
-from ..protocols import Plant
+from ..protocols import Inputs, Motion, Plant
 
 
 @pytree
@@ -29,7 +32,7 @@ class DeliveredYawRate:
 
     feedthrough = True
 
-    def __call__(self, state: DecoupledState, delivered: dict[str, Array], L: Array) -> Float[Array, ""]:
+    def __call__(self, state: DecoupledState, delivered: Inputs, L: Real) -> Float[Array, ""]:
         """Yaw rate [rad/s]."""
         return delivered["heading"]
 
@@ -40,7 +43,7 @@ class KinematicYawRate:
 
     feedthrough = False
 
-    def __call__(self, state: DecoupledState, delivered: dict[str, Array], L: Array) -> Float[Array, ""]:
+    def __call__(self, state: DecoupledState, delivered: Inputs, L: Real) -> Float[Array, ""]:
         """Yaw rate [rad/s]: w = (-x_n' sin psi + y_n' cos psi) / L."""
         sine, cosine = jnp.sin(state.heading), jnp.cos(state.heading)
         return (-state.velocity[0] * sine + state.velocity[1] * cosine) / L
@@ -50,7 +53,7 @@ class KinematicYawRate:
 class TurnedVelocity:
     """Reading R9, the default: F = w (-y_n', x_n'), which eq. (4) equals where the point's lateral velocity is L w."""
 
-    def __call__(self, state: DecoupledState, yaw_rate: Float[Array, ""], L: Array) -> Float[Array, "2"]:
+    def __call__(self, state: DecoupledState, yaw_rate: Float[Array, ""], L: Real) -> Float[Array, "2"]:
         """F [m/s^2]."""
         return turned(state.velocity, yaw_rate)
 
@@ -59,7 +62,7 @@ class TurnedVelocity:
 class ForwardSpeed:
     """Eq. (4) as printed, v being the velocity along the heading (reading R9, selectable)."""
 
-    def __call__(self, state: DecoupledState, yaw_rate: Float[Array, ""], L: Array) -> Float[Array, "2"]:
+    def __call__(self, state: DecoupledState, yaw_rate: Float[Array, ""], L: Real) -> Float[Array, "2"]:
         """F [m/s^2]."""
         sine, cosine = jnp.sin(state.heading), jnp.cos(state.heading)
         v = state.velocity[0] * cosine + state.velocity[1] * sine
@@ -70,11 +73,12 @@ class ForwardSpeed:
 class Decoupled(Plant):
     """Eq. (6), the plant the paper simulates: three independent inputs u_x, u_y, omega."""
 
-    L: float = number(0.5, "m", POSITIVE, "eq. (2), reading R10")
+    L: Real = number(0.5, "m", POSITIVE, "eq. (2), reading R10")
     yaw_rate: DeliveredYawRate | KinematicYawRate = DeliveredYawRate()
     coupling: TurnedVelocity | ForwardSpeed = TurnedVelocity()
 
     actuators = ("position", "heading")  # the channels it takes, named as in the scenario's deadzones
+    units: ClassVar[Mapping[str, str]] = {"position_x": "m/s^2", "position_y": "m/s^2", "heading": "rad/s"}
 
     def deadzones(self) -> dict[str, Deadzone]:
         """Section 4: one deadzone for x and y, one for the heading."""
@@ -84,15 +88,15 @@ class Decoupled(Plant):
         }
 
     @property
-    def feedthrough(self) -> bool:
+    def feedthrough(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Whether `output` needs what is delivered at the same instant."""
         return self.yaw_rate.feedthrough
 
     def start(self, start: Start) -> DecoupledState:
         """The state a run begins in."""
-        return DecoupledState(position=start.position, velocity=start.velocity, heading=start.heading)  # pyright: ignore
+        return DecoupledState(position=start.position, velocity=start.velocity, heading=jnp.asarray(start.heading))
 
-    def allocate(self, command: Command, measurement: Measurement) -> dict[str, Array]:
+    def allocate(self, command: Command, measurement: Measurement) -> Inputs:
         """The inputs of the actuators: `position` (2,) [m/s^2] and `heading` () [rad/s]."""
         return {"position": command.position, "heading": command.heading}
 
@@ -100,21 +104,36 @@ class Decoupled(Plant):
         """The names of what an actuator delivers: the position's are two."""
         return ("position_x", "position_y") if actuator == "position" else (actuator,)
 
-    def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
+    def achieved(self, inputs: Inputs, measurement: Measurement) -> Float[Array, "2"]:
         """The position command [m/s^2] that inputs amount to."""
         return inputs["position"]
 
-    def derivative(self, state: DecoupledState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:
+    def derivative(
+        self, state: DecoupledState, memory: PyTree, delivered: Inputs, disturbance: Array
+    ) -> DecoupledState:
         """Eqs. (6) and (55). Derivative of the state under the delivered inputs and a disturbance of shape (3,)."""
-        yaw_rate = self.yaw_rate(state, delivered, self.L)  # pyright: ignore[reportArgumentType]
-        F = self.coupling(state, yaw_rate, self.L)  # pyright: ignore[reportArgumentType]
+        F = self._coupled(state, delivered)
         return DecoupledState(
             position=state.velocity,
             velocity=F + delivered["position"] + disturbance[:2],
             heading=delivered["heading"] + disturbance[2],
         )
 
-    def output(self, state: DecoupledState, delivered: dict[str, Array]) -> Measurement:
+    def _coupled(self, state: DecoupledState, delivered: Inputs) -> Float[Array, "2"]:
+        """F [m/s^2]."""
+        return self.coupling(state, self.yaw_rate(state, delivered, self.L), self.L)
+
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
+        """The path's acceleration less F of eq. (6) [m/s^2], and the rate of the heading that is asked for [rad/s]."""
+        asked = motion.asked
+        if asked is None:
+            return {}
+        states = DecoupledState(position=asked.position, velocity=asked.velocity, heading=asked.heading)
+        F = jax.vmap(self._coupled)(states, {"heading": asked.heading_rate})
+        push = np.asarray(asked.acceleration - F)
+        return {"position_x": push[:, 0], "position_y": push[:, 1], "heading": np.asarray(asked.heading_rate)}
+
+    def output(self, state: DecoupledState, delivered: Inputs) -> Measurement:
         """What the controller sees; the yaw rate is the one that F of eq. (6) uses."""
-        yaw_rate = self.yaw_rate(state, delivered, self.L)  # pyright: ignore[reportArgumentType]
+        yaw_rate = self.yaw_rate(state, delivered, self.L)
         return Measurement(position=state.position, velocity=state.velocity, heading=state.heading, yaw_rate=yaw_rate)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import ClassVar, cast
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
-from .._pytree import NONNEGATIVE, POSITIVE, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement
-from ..protocols import Motion
+from ..protocols import Inputs, Motion
+from .road import GRAVITY
 from .unicycle import Rolling, RollingState
-
-GRAVITY = 9.81  # m/s^2
 
 
 @pytree
@@ -41,7 +41,7 @@ class TorqueDrive:
 class SpeedDrive:
     """Motors with a speed loop of their own, which are given wheel speeds [rad/s]: torque = gain (asked - actual)."""
 
-    gain: float = number(2.0, "Nm s/rad", POSITIVE)
+    gain: Real = number(2.0, "Nm s/rad", POSITIVE)
 
     actuators = ("wheel_speed_left", "wheel_speed_right")
 
@@ -68,21 +68,28 @@ class DifferentialDrive(Rolling):
     the robot in `tuning/vehicles/robot.xml`, the friction of its casters counted at the wheels.
     """
 
-    L: float = number(0.15, "m", POSITIVE, "eq. (2)")
-    mass: float = number(12.7, "kg", POSITIVE)
-    inertia: float = number(0.33, "kg m^2", POSITIVE)
-    wheel_radius: float = number(0.1, "m", POSITIVE)
-    track: float = number(0.34, "m", POSITIVE)
-    friction: float = number(0.1, "Nm", NONNEGATIVE, "Coulomb")
-    viscous: float = number(0.01, "Nm s/rad", NONNEGATIVE)
-    creep: float = number(0.1, "rad/s", POSITIVE, "wheel speed by which Coulomb friction has 76 % of its size")
-    caster_friction: float = number(0.0, "N", NONNEGATIVE, "Coulomb, of all casters together")
-    caster_distance: float = number(0.17, "m", POSITIVE, "of every caster from the middle of the axle")
+    L: Real = number(0.15, "m", POSITIVE, "eq. (2)")
+    mass: Real = number(12.7, "kg", POSITIVE)
+    inertia: Real = number(0.33, "kg m^2", POSITIVE)
+    wheel_radius: Real = number(0.1, "m", POSITIVE)
+    track: Real = number(0.34, "m", POSITIVE)
+    friction: Real = number(0.1, "Nm", NONNEGATIVE, "Coulomb")
+    viscous: Real = number(0.01, "Nm s/rad", NONNEGATIVE)
+    creep: Real = number(0.1, "rad/s", POSITIVE, "wheel speed by which Coulomb friction has 76 % of its size")
+    caster_friction: Real = number(0.0, "N", NONNEGATIVE, "Coulomb, of all casters together")
+    caster_distance: Real = number(0.17, "m", POSITIVE, "of every caster from the middle of the axle")
     road_slope: Float[Array, "2"] = number((0.0, 0.0), "m/m, rise along x and y", shape=(2,))
     drive: TorqueDrive | SpeedDrive = TorqueDrive()
 
+    units: ClassVar[Mapping[str, str]] = {
+        "torque_left": "Nm",
+        "torque_right": "Nm",
+        "wheel_speed_left": "rad/s",
+        "wheel_speed_right": "rad/s",
+    }
+
     @property
-    def actuators(self) -> tuple[str, ...]:
+    def actuators(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Those of the drive, left and right."""
         return self.drive.actuators
 
@@ -92,23 +99,23 @@ class DifferentialDrive(Rolling):
         one = Deadzone(slope_right=0.6, slope_left=0.8, threshold_right=least, threshold_left=0.8 * least)
         return dict.fromkeys(self.actuators, one)
 
-    def wheel_speeds(self, speed: Any, yaw_rate: Any) -> tuple[Any, Any]:
+    def wheel_speeds(self, speed: Array, yaw_rate: Array) -> tuple[Array, Array]:
         """Left and right [rad/s]."""
         half = yaw_rate * self.track / 2
         return (speed - half) / self.wheel_radius, (speed + half) / self.wheel_radius
 
-    def wheel_torques(self, a: Any, alpha: Any) -> tuple[Any, Any]:
+    def wheel_torques(self, a: Array, alpha: Array) -> tuple[Array, Array]:
         """Left and right [Nm], for accelerations a [m/s^2] and alpha [rad/s^2], friction aside."""
         common, turning = self.mass * a / 2, self.inertia * alpha / self.track
         return self.wheel_radius * (common - turning), self.wheel_radius * (common + turning)
 
-    def allocate(self, command: Command, measurement: Measurement) -> dict[str, Array]:
+    def allocate(self, command: Command, measurement: Measurement) -> Inputs:
         """Inputs of the left and the right wheel for R(psi)^T U_bar = (a, L alpha); friction is not compensated."""
         along, across = into_body(command.position, measurement.heading)
         asked = map(self.drive.request, self.wheel_torques(along, across / self.L), self._seen(measurement))
         return dict(zip(self.actuators, asked, strict=True))
 
-    def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
+    def achieved(self, inputs: Inputs, measurement: Measurement) -> Float[Array, "2"]:
         """The position command [m/s^2] that inputs amount to."""
         asked = (inputs[name] for name in self.actuators)
         left, right = map(self.drive.granted, asked, self._seen(measurement))
@@ -123,7 +130,7 @@ class DifferentialDrive(Rolling):
         a = (right + left) / (self.wheel_radius * self.mass)
         return a, (right - left) * self.track / (2 * self.wheel_radius * self.inertia)
 
-    def derivative(self, state: RollingState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:
+    def derivative(self, state: RollingState, memory: PyTree, delivered: Inputs, disturbance: Array) -> RollingState:
         """Torques, friction and the slope of the road into `Rolling.move`."""
         torques = []
         for name, turning in zip(self.actuators, self.wheel_speeds(state.speed, state.yaw_rate), strict=True):
@@ -135,7 +142,7 @@ class DifferentialDrive(Rolling):
         downhill, _ = into_body(-GRAVITY * jnp.asarray(self.road_slope), state.heading)  # the wheels hold it sideways
         return self.move(state, a + downhill, alpha, disturbance)
 
-    def _casters(self, speed: Any, yaw_rate: Any) -> tuple[Any, Any]:
+    def _casters(self, speed: Array, yaw_rate: Array) -> tuple[Array, Array]:
         """Force [N] along the heading and moment [Nm] with which casters resist; smoothed as at the wheels."""
         side, slowest = yaw_rate * self.caster_distance, self.creep * self.wheel_radius
         share = self.caster_friction / (speed**2 + side**2 + slowest**2) ** 0.5
@@ -143,14 +150,11 @@ class DifferentialDrive(Rolling):
 
     def needs(self, motion: Motion) -> dict[str, np.ndarray]:
         """What must be delivered for speed v, yaw rate w and their rates."""
-        (v, w, a, alpha), inputs = motion, {}
+        v, w, a, alpha = (cast(Array, part) for part in motion[:4])  # NumPy's arrays, whose digits are kept
         force, moment = self._casters(v, w)
-        for name, turning, torque in zip(
-            self.actuators,
-            self.wheel_speeds(v, w),
-            self.wheel_torques(a + force / self.mass, alpha + moment / self.inertia),  # pyright: ignore
-            strict=True,  # pyright: ignore
-        ):
+        torques = self.wheel_torques(a + force / self.mass, alpha + moment / self.inertia)
+        inputs = {}
+        for name, turning, torque in zip(self.actuators, self.wheel_speeds(v, w), torques, strict=True):
             drag = self.friction * np.tanh(turning / self.creep) + self.viscous * turning
-            inputs[name] = self.drive.request(torque + drag, turning)  # pyright: ignore[reportArgumentType]
-        return inputs  # pyright: ignore[reportReturnType]
+            inputs[name] = np.asarray(self.drive.request(torque + drag, turning))
+        return inputs

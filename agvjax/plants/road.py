@@ -10,7 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import ANY, POSITIVE, number, pytree
+from .._pytree import ANY, POSITIVE, Real, number, pytree
+
+GRAVITY = 9.81  # m/s^2
 
 
 @pytree
@@ -18,9 +20,9 @@ class FrictionPatch:
     """A disc of another friction, ice or a puddle, on a road that is otherwise as it was."""
 
     center: Float[Array, "2"] = number((0.0, 0.0), "m", ANY, shape=(2,))
-    radius: float = number(5.0, "m", POSITIVE)
-    factor: float = number(0.5, "1", POSITIVE, "of the friction coefficient, well inside")
-    edge: float = number(0.2, "m", POSITIVE, "half way from 27 % to 73 % of the change")
+    radius: Real = number(5.0, "m", POSITIVE)
+    factor: Real = number(0.5, "1", POSITIVE, "of the friction coefficient, well inside")
+    edge: Real = number(0.2, "m", POSITIVE, "half way from 27 % to 73 % of the change")
 
     def __call__(self, position: Float[Array, "2"]) -> Float[Array, ""]:
         """Factor of the friction coefficient: `factor` inside, 1 outside, their mean at the radius."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 
 
 @pytree
@@ -18,22 +16,22 @@ class LinearTyre:
     has no effect here. The defaults are those of all CommonRoad vehicles.
     """
 
-    mu: float = number(1.0489, "1", POSITIVE, "p_dy1")
-    stiffness_front: float = number(21.92 / 1.0489, "1/rad", POSITIVE, "C_Sf = -p_ky1 / p_dy1")
-    stiffness_rear: float = number(21.92 / 1.0489, "1/rad", POSITIVE, "C_Sr = -p_ky1 / p_dy1")
+    mu: Real = number(1.0489, "1", POSITIVE, "p_dy1")
+    stiffness_front: Real = number(21.92 / 1.0489, "1/rad", POSITIVE, "C_Sf = -p_ky1 / p_dy1")
+    stiffness_rear: Real = number(21.92 / 1.0489, "1/rad", POSITIVE, "C_Sr = -p_ky1 / p_dy1")
 
-    def front(self, slip: Array, load: Array, surface: Any) -> Float[Array, ""]:
+    def front(self, slip: Array, load: Array, surface: Real) -> Float[Array, ""]:
         """Lateral force, in the unit of the load, at a slip angle [rad]; `surface` is the road's factor."""
         return self._force(self.stiffness_front * slip, load, surface)
 
-    def rear(self, slip: Array, load: Array, surface: Any) -> Float[Array, ""]:
+    def rear(self, slip: Array, load: Array, surface: Real) -> Float[Array, ""]:
         """As `front`."""
         return self._force(self.stiffness_rear * slip, load, surface)
 
-    def _force(self, demand: Array, load: Array, surface: Any) -> Array:
+    def _force(self, demand: Array, load: Array, surface: Real) -> Array:
         return self.mu * load * demand
 
-    def peak(self) -> Any:
+    def peak(self) -> Real:
         """The friction coefficient [1]: a real tyre on an unbroken road gives no more than this times its load."""
         return self.mu
 
@@ -46,12 +44,12 @@ class SaturatingTyre(LinearTyre):
     the error is of third order. Grip that driving and braking take is not subtracted.
     """
 
-    friction: float = number(1.0, "1", POSITIVE, "of mu")
+    friction: Real = number(1.0, "1", POSITIVE, "of mu")
 
-    def _force(self, demand: Array, load: Array, surface: Any) -> Array:
+    def _force(self, demand: Array, load: Array, surface: Real) -> Array:
         grip = self.friction * surface
         return self.mu * load * grip * jnp.tanh(demand / grip)
 
-    def peak(self) -> Any:
+    def peak(self) -> Real:
         """The friction coefficient [1]."""
         return self.mu * self.friction

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
-from .._pytree import POSITIVE, number, pytree
+from .._pytree import POSITIVE, Real, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement, Start
-from ..protocols import Motion, Plant
+from ..protocols import Inputs, Motion, Plant
 
 
 @pytree
@@ -24,20 +26,22 @@ class RollingState:
     yaw_rate: Float[Array, ""]  # w, rad/s
 
 
+@pytree
 class Rolling(Plant):
-    """What all vehicles that roll without slip have in common; each brings `accelerations` and an `L`."""
+    """What all vehicles that roll without slip have in common; each brings an `L`."""
 
-    feedthrough = False
+    L: Real = number(0.5, "m", POSITIVE, "eq. (2), reading R10")
+
     commands_heading = False  # the heading follows from the motion of the reference point
 
     def start(self, start: Start) -> RollingState:
         """The state a run begins in: what the velocity of the reference point says of speed and yaw rate."""
-        along, across = into_body(start.velocity, start.heading)  # pyright: ignore[reportArgumentType]
+        along, across = into_body(jnp.asarray(start.velocity), jnp.asarray(start.heading))
         return RollingState(
             position=start.position,
-            heading=start.heading,  # pyright: ignore[reportArgumentType]
+            heading=jnp.asarray(start.heading),
             speed=along,
-            yaw_rate=across / self.L,  # pyright: ignore[reportAttributeAccessIssue]
+            yaw_rate=across / self.L,
         )
 
     def move(self, state: RollingState, a: Array, alpha: Array, disturbance: Array) -> RollingState:
@@ -47,18 +51,21 @@ class Rolling(Plant):
         changes v, what lies across it w, by a lever of L. Its delta_psi [rad/s] adds to the heading's rate, eq. (55),
         as a growing slip angle would: the body turns, v and w stay, and so the velocity turns with it.
         """
-        L = self.L  # pyright: ignore[reportAttributeAccessIssue]
         push, side = into_body(disturbance[:2], state.heading)
         return RollingState(
-            position=into_plane(state.speed, L * state.yaw_rate, state.heading),  # (1), (2)
+            position=into_plane(state.speed, self.L * state.yaw_rate, state.heading),  # (1), (2)
             heading=state.yaw_rate + disturbance[2],  # (1), (55)
             speed=a + push,
-            yaw_rate=alpha + side / L,
+            yaw_rate=alpha + side / self.L,
         )
 
-    def output(self, state: RollingState, delivered: dict[str, Array]) -> Measurement:
+    def lever(self) -> Real:
+        """L of eq. (2) [m]."""
+        return self.L
+
+    def output(self, state: RollingState, delivered: Inputs) -> Measurement:
         """What the controller sees: eq. (2) and its rate."""
-        velocity = into_plane(state.speed, self.L * state.yaw_rate, state.heading)  # pyright: ignore
+        velocity = into_plane(state.speed, self.L * state.yaw_rate, state.heading)
         return Measurement(position=state.position, velocity=velocity, heading=state.heading, yaw_rate=state.yaw_rate)
 
 
@@ -69,9 +76,8 @@ class Unicycle(Rolling):
     The heading is internal: it follows from how the reference point moves, and is stable while that moves forward.
     """
 
-    L: float = number(0.5, "m", POSITIVE, "eq. (2), reading R10")
-
     actuators = ("acceleration", "yaw_acceleration")
+    units: ClassVar[Mapping[str, str]] = {"acceleration": "m/s^2", "yaw_acceleration": "rad/s^2"}
 
     def deadzones(self) -> dict[str, Deadzone]:
         """Section 4, the position's on v' [m/s^2] and the heading's on w' [rad/s^2]."""
@@ -80,16 +86,16 @@ class Unicycle(Rolling):
             "yaw_acceleration": Deadzone(slope_right=0.91, slope_left=0.72, threshold_right=0.66, threshold_left=0.53),
         }
 
-    def allocate(self, command: Command, measurement: Measurement) -> dict[str, Array]:
+    def allocate(self, command: Command, measurement: Measurement) -> Inputs:
         """Eq. (4). (a, L alpha) = R(psi)^T U_bar [m/s^2, rad/s^2]; the heading's command has no actuator."""
         along, across = into_body(command.position, measurement.heading)
         return {"acceleration": along, "yaw_acceleration": across / self.L}
 
-    def achieved(self, inputs: dict[str, Array], measurement: Measurement) -> Float[Array, "2"]:
+    def achieved(self, inputs: Inputs, measurement: Measurement) -> Float[Array, "2"]:
         """The position command [m/s^2] that inputs amount to, eq. (4)."""
         return into_plane(inputs["acceleration"], self.L * inputs["yaw_acceleration"], measurement.heading)
 
-    def derivative(self, state: RollingState, memory: Any, delivered: dict[str, Array], disturbance: Array) -> Any:
+    def derivative(self, state: RollingState, memory: PyTree, delivered: Inputs, disturbance: Array) -> RollingState:
         """See `Rolling.move`."""
         return self.move(state, delivered["acceleration"], delivered["yaw_acceleration"], disturbance)
 

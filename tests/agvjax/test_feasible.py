@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 import agvjax
 from agvjax import Chain, Circle, Deadzone, RateLimit, Saturation, Scenario, SingleTrack, Unicycle
-from agvjax.feasible import deliverable
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.tune import page as report
@@ -89,6 +88,11 @@ def test_what_is_beyond_the_actuators_is_said_with_figures():
     (slow,) = agvjax.path_warnings(limited(ramp=RateLimit(rate=1.0)), 12.0)
     assert "changes by 1 at most" in slow
     assert agvjax.path_warnings(agvjax.Scenario(), 12.0) == []  # the paper's plant has independent inputs
+
+
+def deliverable(part):
+    """The least and the most that is delivered, whatever is asked for."""
+    return part.reach(agvjax.Reach())[:2]
 
 
 def test_a_saturation_before_the_deadzone_delivers_less():
@@ -238,11 +242,13 @@ def test_a_path_without_a_past_begins_where_it_can():
 def test_odd_scenarios_are_left_alone():
     @agvjax.pytree
     class Silent(Unicycle):
-        needs = property()  # as if it had none
+        def needs(self, motion):
+            return {}
 
     assert agvjax.demands(Scenario.of(Silent()), 5.0).needs == {}
     scenario = Scenario.of(Silent(), actuators={"acceleration": Chain(stop=Saturation(upper=0.1, lower=-0.1))})
-    assert agvjax.path_warnings(scenario, 5.0) == []
+    said = "Silent: does not say what following a path takes"
+    assert agvjax.path_warnings(scenario, 5.0) == [said]
     (said,) = agvjax.path_warnings(Scenario(path=None), 5.0)
     assert said.startswith("it could not be looked at (TypeError")
     assert agvjax.path_warnings(Scenario.of(Unicycle(), path=agvjax.Line(velocity=np.zeros(2))), 5.0) == []

@@ -12,7 +12,6 @@ import numpy as np
 
 import agvjax
 from agvjax import Fault, InputError
-from agvjax.feasible import UNITS
 from agvjax.leaves import leaves, rule_of, unit_of
 
 from .. import config as configuration
@@ -69,7 +68,7 @@ def _provenance(config: Config, controller: Any, source: str, stated: str, known
         "vehicle": type(controller.vehicle).__name__,
         "period": {"value": float(controller.period), "unit": "s"},
         "gains": {name: _gain(controller, name, value) for name, value in leaves(controller).items()},
-        "inputs": {name: UNITS.get(name, "") for name in controller.vehicle.actuators},
+        "inputs": {name: controller.vehicle.units.get(name, "") for name in controller.vehicle.actuators},
         "uncertainty": _uncertainty(config) if known else UNSTATED,
     }
 

@@ -294,7 +294,7 @@ def test_following_exactly_takes_what_needs_says():
     car, rng = KinematicSingleTrack(), np.random.default_rng(7)
     v, w, a, alpha = rng.uniform(1, 9, 9), rng.uniform(-0.5, 0.5, 9), rng.normal(size=9), rng.uniform(-0.1, 0.1, 9)
     v[0] *= -1
-    needed = car.needs(v, w, a, alpha)
+    needed = car.needs(agvjax.Motion(v, w, a, alpha))
     free = dataclasses.replace(car, limits=agvjax.SteeringLimits(steering_rate=50.0))
     for i in range(9):
         state = KinematicState(
@@ -312,7 +312,7 @@ def test_following_exactly_takes_what_needs_says():
     for plant in CARS:
         assert set(plant.reach()) <= set(needed)
         assert all(low < high for low, high in plant.reach().values())
-    assert np.isfinite(car.needs(*np.zeros((4, 1)))["steering_rate"]).all()
+    assert np.isfinite(car.needs(agvjax.Motion(*np.zeros((4, 1))))["steering_rate"]).all()
 
 
 def test_a_push_accelerates_the_centre_of_gravity_and_a_drift_turns_the_car():

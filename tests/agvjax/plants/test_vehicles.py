@@ -101,7 +101,7 @@ def test_what_is_allocated_moves_the_point_as_commanded(plant):
 @pytest.mark.parametrize("plant", VEHICLES, ids=["unicycle", "torques", "wheel speeds"])
 def test_following_exactly_takes_what_needs_says(plant):
     v, w, a, alpha = RNG.normal(size=(4, 7))
-    needed = plant.needs(v, w, a, alpha)
+    needed = plant.needs(agvjax.Motion(v, w, a, alpha))
     for i in range(7):
         zero = jnp.zeros(())
         state = RollingState(position=jnp.zeros(2), heading=zero, speed=jnp.array(v[i]), yaw_rate=jnp.array(w[i]))
