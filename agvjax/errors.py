@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 
@@ -25,3 +26,9 @@ class InputError(ValueError):
         self.faults = faults
         count = f"{len(faults)} bad value" + ("s" if len(faults) > 1 else "")
         super().__init__("\n  ".join([f"{count}:", *map(str, faults)]))
+
+    @property
+    def problems(self) -> list[Fault]:
+        """The earlier name of `faults`."""
+        warnings.warn("InputError.problems is now InputError.faults", DeprecationWarning, stacklevel=2)
+        return self.faults

@@ -4,6 +4,7 @@ Names are imported when first used, so that `agvjax --help` starts without JAX.
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -50,6 +51,21 @@ _NAMES = {
     "ensemble.worst": ("Adversary",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
+
+
+class _Earlier:
+    """Finds modules of earlier releases where `agvjax`, which knows them, is not imported yet."""
+
+    def find_spec(self, module: str, path: Any = None, target: Any = None) -> Any:
+        """How to import an earlier module; None of any other."""
+        if not module.startswith(f"{__name__}."):
+            return None
+        from agvjax import _moved  # late: it needs JAX
+
+        return _moved.Finder().find_spec(module)
+
+
+sys.meta_path.append(_Earlier())
 
 
 def __getattr__(name: str) -> Any:

@@ -69,7 +69,7 @@ def test_who_is_given_what_is_needed_stays_on_the_path():
     scenario = Scenario.of(Unicycle(), disturbance=agvjax.NoDisturbance())
     idle = dict.fromkeys(Unicycle.actuators, Deadzone())
     needed = agvjax.demands(scenario, 5.0)
-    begin = agvjax.path.reference(scenario.path, None, jnp.array(0.0))
+    begin = agvjax.paths.heading.reference(scenario.path, None, jnp.array(0.0))
     start = agvjax.Start(position=begin.position, velocity=begin.velocity, heading=needed.heading[0])
     law = Replay(t=jnp.asarray(needed.t), inputs=jnp.stack([jnp.asarray(needed.needs[n]) for n in idle], axis=1))
     run = agvjax.simulate(law, dataclasses.replace(scenario, deadzone=idle, start=start), n_steps=4000)

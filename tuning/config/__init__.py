@@ -5,3 +5,9 @@ from .rules import check as check
 from .settings import Config as Config
 from .write import dump as dump
 from .write import gains_table as gains_table
+
+
+def __getattr__(name: str) -> object:
+    from agvjax import _moved  # late: most imports ask for nothing that moved
+
+    return _moved.find(__name__, name)

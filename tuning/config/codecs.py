@@ -143,7 +143,7 @@ def _correlation(reader: Reader, key: str, default: Any, table: Mapping[str, Tom
 def _slope(reader: Reader, key: str, default: Any, table: Toml) -> Any:
     """A believed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
     known = isinstance(table, Mapping)
-    return reader.fields(key, agvjax.KnownSlopes(), table) if known else reader.plain(key, 1.0, table)
+    return reader.fields(key, agvjax.readings.KnownSlopes(), table) if known else reader.plain(key, 1.0, table)
 
 
 def _deadzones(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
@@ -195,7 +195,7 @@ def _write_chains(writer: Writer, key: str, value: Mapping[str, Any]) -> Toml:
 
 
 CHAINS = "a table for each actuator, of its elements in the order of the signal"
-SLOPE = Codec(_slope, lambda writer, key, slopes: writer.fields(key, slopes), object, "", agvjax.KnownSlopes)
+SLOPE = Codec(_slope, lambda writer, key, slopes: writer.fields(key, slopes), object, "", agvjax.readings.KnownSlopes)
 CODECS = {
     "scenario.deadzone": Codec(_deadzones, _write_deadzones),
     "scenario.actuators": Codec(_chains, _write_chains, rule=CHAINS),

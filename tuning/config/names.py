@@ -25,13 +25,13 @@ PLANTS = {
     "single_track": agvjax.SingleTrack,
 }
 PARTS = {
-    "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.KinematicYawRate},
-    "coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.ForwardSpeed},
+    "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.readings.KinematicYawRate},
+    "coupling": {"turned_velocity": agvjax.TurnedVelocity, "forward_speed": agvjax.readings.ForwardSpeed},
     "drive": {"torque": agvjax.TorqueDrive, "speed": agvjax.SpeedDrive},
     "tyre": {"linear": agvjax.LinearTyre, "saturating": agvjax.SaturatingTyre},
     "surface": {"none": None, "patch": agvjax.FrictionPatch},
 }
-FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.LiteralFilter, "none": agvjax.NoFilter}
+FILTERS = {"command": agvjax.CommandFilter, "literal": agvjax.readings.LiteralFilter, "none": agvjax.NoFilter}
 ELEMENTS = {
     "deadzone": agvjax.Deadzone,
     "saturation": agvjax.Saturation,
@@ -63,8 +63,8 @@ CLASSES: Classes = {
     "scenario.heading": {
         "default": None,
         "bearing": agvjax.Bearing,
-        "bearing_raw": agvjax.RawBearing,
-        "bearing_swapped": agvjax.SwappedBearing,
+        "bearing_raw": agvjax.readings.RawBearing,
+        "bearing_swapped": agvjax.readings.SwappedBearing,
         "tangent": agvjax.Tangent,
     },
     "scenario.disturbance": {

@@ -201,7 +201,7 @@ def _still():
 
 def test_one_step_is_a_pure_function_of_state_and_measurement():
     law = Sampled(vehicle=Unicycle(), anti_windup=WINDUP)
-    here = agvjax.path.reference(agvjax.Dumbbell(), None, jnp.array(0.3))
+    here = agvjax.paths.heading.reference(agvjax.Dumbbell(), None, jnp.array(0.3))
     state = law.inner.init(_still(), here)
     first, again = jax.jit(law.step)(state, _still(), here), law.step(state, _still(), here)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), first, again)

@@ -188,7 +188,7 @@ SPANS = st.one_of(
 )
 LEAVES = ("start.heading", "deadzone.position.slope_left", "disturbance.omega")
 METRICS = ("effort", "peak_position", "peak_heading", "limited")
-BELIEFS = NUMBERS | st.builds(agvjax.KnownSlopes, right=FLOATS, left=FLOATS)
+BELIEFS = NUMBERS | st.builds(agvjax.readings.KnownSlopes, right=FLOATS, left=FLOATS)
 AXES = st.lists(NUMBERS, min_size=2, max_size=2).map(lambda x: np.array(x, float))
 LAWS = st.one_of(
     st.builds(
@@ -196,7 +196,7 @@ LAWS = st.one_of(
         k1=NUMBERS,
         Pi_hat=BELIEFS | AXES | AXES.map(jnp.asarray),
         Pi_psi_hat=BELIEFS,
-        filter=st.sampled_from([agvjax.CommandFilter(), agvjax.NoFilter(), agvjax.LiteralFilter()]),
+        filter=st.sampled_from([agvjax.CommandFilter(), agvjax.NoFilter(), agvjax.readings.LiteralFilter()]),
         wrapped=st.booleans(),
     ),
     st.builds(agvjax.EventTriggered, inner=st.builds(agvjax.Backstepping, k1=NUMBERS, Pi_hat=BELIEFS)),

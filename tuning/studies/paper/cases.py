@@ -72,7 +72,7 @@ def true_slopes(controller: Any, scenario: Any) -> Any:
     beliefs = {}
     for name, channel in (("Pi_hat", "position"), ("Pi_psi_hat", "heading")):
         actuator = scenario.deadzone[channel]
-        beliefs[name] = agvjax.KnownSlopes(right=actuator.slope_right, left=actuator.slope_left)
+        beliefs[name] = agvjax.readings.KnownSlopes(right=actuator.slope_right, left=actuator.slope_left)
     return dataclasses.replace(controller, **beliefs)
 
 
@@ -128,12 +128,12 @@ def readings(proposed: Any, scenario: Any) -> dict[str, Case]:
     see = functools.partial(dataclasses.replace, scenario)
     plant = functools.partial(dataclasses.replace, scenario.plant)
     return {
-        "R5 literal filter": Case(dataclasses.replace(proposed, filter=agvjax.LiteralFilter()), scenario),
-        "R8 raw bearing": Case(proposed, see(heading=agvjax.RawBearing())),
-        "R8 swapped bearing": Case(proposed, see(heading=agvjax.SwappedBearing())),
+        "R5 literal filter": Case(dataclasses.replace(proposed, filter=agvjax.readings.LiteralFilter()), scenario),
+        "R8 raw bearing": Case(proposed, see(heading=agvjax.readings.RawBearing())),
+        "R8 swapped bearing": Case(proposed, see(heading=agvjax.readings.SwappedBearing())),
         "R8 tangent": Case(proposed, see(heading=agvjax.Tangent())),
-        "R9 literal (4)": Case(proposed, see(plant=plant(coupling=agvjax.ForwardSpeed()))),
-        "R9 yaw rate from velocities": Case(proposed, see(plant=plant(yaw_rate=agvjax.KinematicYawRate()))),
+        "R9 literal (4)": Case(proposed, see(plant=plant(coupling=agvjax.readings.ForwardSpeed()))),
+        "R9 yaw rate from velocities": Case(proposed, see(plant=plant(yaw_rate=agvjax.readings.KinematicYawRate()))),
     }
 
 

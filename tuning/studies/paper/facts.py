@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax import plants
 from agvjax.paths.heading import reference
 
 from . import cases
@@ -50,7 +49,7 @@ def _network_row(run: Any, controller: Any) -> dict[str, float]:
     gains = []
     for i, (belief, columns) in enumerate(((controller.Pi_hat, slice(0, 2)), (controller.Pi_psi_hat, slice(2, 3)))):
         slope = np.asarray(belief)
-        if isinstance(belief, agvjax.KnownSlopes):
+        if isinstance(belief, agvjax.readings.KnownSlopes):
             slope = np.where(np.asarray(trajectory.command)[:, columns] > 0, belief.right, belief.left)
         gains.append(float(np.max((norms[:, i] * np.asarray(shares[i]))[:, None] / slope)))
     rmse = metrics["0.05"].rmse
@@ -91,7 +90,7 @@ def steepest(trajectory: Any, controller: Any, scenario: Any) -> np.ndarray:
     def asked(t: Any, flow: Any, measurement: Any) -> Any:
         ref = reference(scenario.path, scenario.heading, t)
         command, _ = controller.inner.law(flow, (), measurement, ref)
-        return plants.Command(position=command.position, heading=command.heading)
+        return agvjax.Command(position=command.position, heading=command.heading)
 
     inputs = jax.tree.map(jnp.asarray, (trajectory.t, trajectory.controller, seen(trajectory)))
     out = jax.jit(jax.vmap(asked))(*inputs)

@@ -143,7 +143,7 @@ def faults(config: Config) -> list[agvjax.Fault]:
         rule = f"more than {bounds.LATE:g} s, from when on bounds are compared with errors"
         found.append(agvjax.Fault("simulate.horizon", config.simulate.horizon, rule))
     if not found and any(
-        isinstance(b, agvjax.KnownSlopes) for b in (config.controller.Pi_hat, config.controller.Pi_psi_hat)
+        isinstance(b, agvjax.readings.KnownSlopes) for b in (config.controller.Pi_hat, config.controller.Pi_psi_hat)
     ):
         rule = "a number: the law with known slopes is one of the ablations"
         found.append(agvjax.Fault("controller.Pi_hat, controller.Pi_psi_hat", "KnownSlopes", rule))

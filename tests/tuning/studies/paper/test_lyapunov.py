@@ -17,11 +17,12 @@ from scipy.signal import lsim
 
 import agvjax
 import reference
-from agvjax import KinematicYawRate, KnownSlopes, NeuroBackstepping, Scenario, Trajectory
+from agvjax import NeuroBackstepping, Scenario, Trajectory
 from agvjax._pytree import number, pytree
 from agvjax.controllers.backstepping import BacksteppingState
 from agvjax.controllers.neuro_backstepping import WeightNorms
 from agvjax.leaves import get, swap
+from agvjax.readings import KinematicYawRate, KnownSlopes
 from reference import Parameters
 from tuning.ensemble import draws as ensemble
 from tuning.studies.paper import bounds

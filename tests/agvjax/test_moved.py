@@ -1,0 +1,93 @@
+"""What users of earlier releases have typed goes on working, says where it is today, and costs nothing until then."""
+
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+import agvjax
+import tuning
+from agvjax import _moved
+from commands import ROOT
+
+TYPED = {  # an old name, and where what it means lies today
+    "agvjax.Problem": "agvjax.errors.Fault",
+    "agvjax.problems": "agvjax.check.faults",
+    "agvjax.path_problems": "agvjax.feasible.path_warnings",
+    "agvjax.KnownSlopes": "agvjax.readings.KnownSlopes",
+    "agvjax.ForwardSpeed": "agvjax.plants.decoupled.ForwardSpeed",
+    "agvjax.path.Dumbbell": "agvjax.paths.shapes.Dumbbell",
+    "agvjax.path.RawBearing": "agvjax.paths.heading.RawBearing",
+    "agvjax.waypoints.Waypoints": "agvjax.paths.waypoints.Waypoints",
+    "agvjax.angle.wrap": "agvjax.geometry.wrap",
+    "agvjax.deadzone.Deadzone": "agvjax.actuators.deadzone.Deadzone",
+    "agvjax.actuators.Saturation": "agvjax.actuators.elements.Saturation",
+    "agvjax.actuators.Chain": "agvjax.actuators.chain.Chain",
+    "agvjax.rbf.RadialBasis": "agvjax.controllers.network.RadialBasis",
+    "agvjax.plot.errors": "agvjax.draw.plot.errors",
+    "agvjax.animate.animation": "agvjax.draw.animate.animation",
+    "agvjax.loop.Sample": "agvjax.engine.loop.Sample",
+    "agvjax.lyapunov.signals": "tuning.studies.paper.proof.signals",
+    "agvjax.plants.Command": "agvjax.messages.Command",
+    "agvjax.plants.protocol.Measurement": "agvjax.messages.Measurement",
+    "agvjax.plants.protocol.turned": "agvjax.geometry.turned",
+    "tuning.settings.Tune": "tuning.config.settings.Tune",
+    "tuning.config.resolve": "tuning.config.load.resolve",
+    "tuning.classes.CLASSES": "tuning.config.names.CLASSES",
+    "tuning.problem.pose": "tuning.tune.problem.pose",
+    "tuning.objective.Objective": "tuning.tune.objective.Objective",
+    "tuning.objective.METRICS": "agvjax.metric_table.METRICS",
+    "tuning.optimise.Tuner": "tuning.tune.tuner.Tuner",
+    "tuning.ensemble.sample": "tuning.ensemble.draws.sample",
+    "tuning.rounds.solve": "tuning.tune.rounds.solve",
+    "tuning.worst.Adversary": "tuning.ensemble.worst.Adversary",
+    "tuning.runs.write_json": "tuning.io.files.write_json",
+    "tuning.paper.cases.matched": "tuning.studies.paper.cases.matched",
+    "tuning.vehicles.study.study": "tuning.studies.vehicles.study.study",
+}
+
+
+def looked_up(name):
+    """What a dotted name means, its module imported."""
+    module, _, last = name.rpartition(".")
+    return getattr(importlib.import_module(module), last)
+
+
+@pytest.mark.parametrize("old", TYPED)
+def test_an_old_name_is_what_it_means_today_and_says_where_that_is(old):
+    with pytest.warns(DeprecationWarning, match=f"{old} is now ".replace(".", r"\.")):
+        found = looked_up(old)
+    assert found is looked_up(TYPED[old])
+
+
+@pytest.mark.parametrize("module", sorted(_moved.HOMES))
+def test_every_home_of_an_old_module_exists(module):
+    for home in _moved.homes(module):
+        assert importlib.util.find_spec(home), home
+
+
+def test_what_never_was_is_not_there():
+    for name in ("agvjax.nothing", "agvjax.path.nothing", "tuning.nothing", "tuning.settings.nothing"):
+        with pytest.raises(AttributeError, match="nothing"):
+            looked_up(name)
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("tuning.paper.nothing")
+
+
+def test_the_public_list_is_whole():
+    assert len(set(agvjax.__all__)) == len(agvjax.__all__)
+    assert all(name in vars(agvjax) for name in agvjax.__all__)
+
+
+def test_the_faults_of_an_error_have_their_old_name_too():
+    fault = agvjax.Fault("k1", -1, "> 0")
+    with pytest.warns(DeprecationWarning, match="faults"):
+        assert agvjax.InputError([fault]).problems == [fault]
+
+
+def test_old_modules_are_found_with_neither_package_imported_before():
+    code = "import warnings; warnings.simplefilter('ignore'); from tuning.settings import Tune; print(Tune.__module__)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.strip() == "tuning.config.settings", done.stderr
+    assert tuning.Tune.__module__ == "tuning.config.settings"
