@@ -70,7 +70,7 @@ def batch(scenario: Any, values: Mapping[str, Any]) -> Batch:
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "control_every", "integrator", "dtype", "block", "devices"))
-def evaluate(
+def evaluate(  # long: half of it says what each argument is
     controller: Any,
     batch: Any,
     *,

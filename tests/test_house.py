@@ -8,13 +8,11 @@ import sys
 
 import pytest
 
-import agvjax
-from agvjax.draw import plot
 from commands import ROOT
 from tuning.cli.main import COMMANDS
 
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
-    ("agvjax", "_pytree", "errors", "hashed", "geometry", "leaves", "integrate"),
+    ("agvjax", "_moved", "_pytree", "errors", "hashed", "geometry", "leaves", "integrate"),
     ("agvjax", "messages", "timing"),
     ("agvjax", "protocols"),
     ("agvjax", "decorator", "actuators", "paths", "disturbance"),
@@ -24,7 +22,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "engine"),
     ("agvjax", "simulate", "metrics", "metric_table"),
     ("agvjax", "evaluate"),
-    ("agvjax", "check", "feasible"),
+    ("agvjax", "check", "feasible", "readings"),
     ("agvjax", "draw"),
     ("agvjax", "__init__"),
     ("tuning", "io"),
@@ -204,14 +202,3 @@ assert not xla_bridge.backends_are_initialized(), "a backend was started"
         [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("Problem", agvjax.Fault), ("problems", agvjax.faults), ("path_problems", agvjax.path_warnings), ("plot", plot)],
-)
-def test_a_name_of_earlier_releases_is_what_it_was_and_says_its_new_one(old, new):
-    with pytest.warns(DeprecationWarning, match=f"agvjax.{old} is agvjax."):
-        assert getattr(agvjax, old) is new
-    with pytest.raises(AttributeError, match="has no attribute lyapunov"):
-        _ = agvjax.lyapunov
