@@ -5,18 +5,8 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import (
-    EULER,
-    RK4,
-    InputError,
-    LiteralFilter,
-    NeuroBackstepping,
-    Scenario,
-    check,
-    faults,
-    replace,
-    step_faults,
-)
+from agvjax import EULER, RK4, InputError, NeuroBackstepping, Scenario, check, faults, replace, step_faults
+from agvjax.readings import LiteralFilter
 
 
 def test_literal_filter_has_the_poles_of_the_printed_equation():

@@ -6,16 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agvjax import (
-    Bearing,
-    Dumbbell,
-    Line,
-    RawBearing,
-    SwappedBearing,
-    Tangent,
-)
+from agvjax import Bearing, Dumbbell, Line, Tangent
 from agvjax.geometry import bearing, wrap
 from agvjax.paths.heading import reference
+from agvjax.readings import RawBearing, SwappedBearing
 
 few = settings(max_examples=50, deadline=None)
 

@@ -7,17 +7,8 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import (
-    Bearing,
-    ForwardSpeed,
-    KinematicYawRate,
-    NeuroBackstepping,
-    Scenario,
-    Tangent,
-    TurnedVelocity,
-    leaves,
-    replace,
-)
+from agvjax import Bearing, NeuroBackstepping, Scenario, Tangent, TurnedVelocity, leaves, replace
+from agvjax.readings import ForwardSpeed, KinematicYawRate
 
 
 def test_dotted_names_reach_every_leaf():

@@ -28,7 +28,6 @@ from agvjax import (
     FractionalBackstepping,
     FullWeightBackstepping,
     InputError,
-    KnownSlopes,
     Measurement,
     NeuroBackstepping,
     NoFilter,
@@ -44,6 +43,7 @@ from agvjax import (
 )
 from agvjax.engine import loop
 from agvjax.plants import DecoupledState
+from agvjax.readings import KnownSlopes
 
 TRUE = {"Pi_hat": KnownSlopes(right=0.6, left=0.8), "Pi_psi_hat": KnownSlopes(right=0.91, left=0.72)}
 TRUE_PAIRS = {"Pi_hat": (0.6, 0.8), "Pi_psi_hat": (0.91, 0.72)}

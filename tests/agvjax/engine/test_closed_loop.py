@@ -10,22 +10,8 @@ import pytest
 
 import agvjax
 import reference
-from agvjax import (
-    Deadzone,
-    Decoupled,
-    ForwardSpeed,
-    KinematicYawRate,
-    LiteralFilter,
-    NeuroBackstepping,
-    RawBearing,
-    Scenario,
-    Start,
-    SwappedBearing,
-    Tangent,
-    evaluate,
-    measure,
-    simulate,
-)
+from agvjax import Deadzone, Decoupled, NeuroBackstepping, Scenario, Start, Tangent, evaluate, measure, simulate
+from agvjax.readings import ForwardSpeed, KinematicYawRate, LiteralFilter, RawBearing, SwappedBearing
 from reference import Parameters
 
 INTEGRATORS = {"euler": (agvjax.EULER, 1), "heun": (agvjax.HEUN, 2), "rk4": (agvjax.RK4, 4)}

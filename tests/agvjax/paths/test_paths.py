@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 
 import reference as independent
-from agvjax import (
-    Bearing,
-    Circle,
-    Dumbbell,
-    Lemniscate,
-    Line,
-    RawBearing,
-    SwappedBearing,
-    Tangent,
-    default_heading,
-)
+from agvjax import Bearing, Circle, Dumbbell, Lemniscate, Line, Tangent, default_heading
 from agvjax.paths.heading import reference
+from agvjax.readings import RawBearing, SwappedBearing
 
 TIMES = np.array([0.0, 0.7, 2.1, 2.9, 4.0, 5.5, 7.3, 11.0])
 

@@ -3,13 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 
-from agvjax import (
-    Decoupled,
-    ForwardSpeed,
-    KinematicYawRate,
-    TurnedVelocity,
-)
+from agvjax import Decoupled, TurnedVelocity
 from agvjax.plants import DecoupledState
+from agvjax.readings import ForwardSpeed, KinematicYawRate
 
 
 def unicycle(t):
