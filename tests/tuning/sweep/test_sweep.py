@@ -15,11 +15,13 @@ from scipy.stats import qmc
 import agvjax
 from agvjax import Command, Scenario
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
+from tuning import config as configuration
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
+from tuning.sweep.laws import named
 
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
 
@@ -470,3 +472,12 @@ def test_the_table_of_xarray_holds_the_same_numbers():
     np.testing.assert_array_equal(data["total_rmse"][0], [[0, 1, 2], [3, 4, 5]])
     np.testing.assert_allclose(data[LEFT], [0.1, 0.3])
     np.testing.assert_array_equal(data["start.position"], plan.values(0, 3)["start.position"])
+
+
+def test_gains_of_a_sampled_law_are_read_for_the_vehicle_of_the_sweep(tmp_path):
+    config = configuration.load(["unicycle"])
+    file = tmp_path / "gains.toml"
+    file.write_text(configuration.gains_table(config.controller))
+    asked = dataclasses.replace(config, sweep=dataclasses.replace(config.sweep, controllers=(str(file),)))
+    laws = named(complete(asked))
+    assert len(laws) == 2 and all(type(law.vehicle) is type(config.scenario.plant) for law in laws.values())
