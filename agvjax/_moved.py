@@ -30,7 +30,6 @@ HOMES = {  # of an earlier module, what holds its names today; of a package, wha
     "agvjax.xla": ("agvjax.engine.xla",),
     "tuning.analysis": ("tuning.tune.analysis",),
     "tuning.classes": ("tuning.config.names",),
-    "tuning.cli": ("tuning.cli.main",),
     "tuning.commands": ("tuning.cli",),
     "tuning.commands.common": ("tuning.cli.prepare", "tuning.cli.console", "tuning.cli.folders"),
     "tuning.compare": ("tuning.studies.laws.study", "tuning.studies.laws.page"),
@@ -83,7 +82,7 @@ def find(module: str, name: str) -> object:
         AttributeError: there is and was no such name.
     """
     old = f"{module}.{name}"
-    if old in HOMES:
+    if old in HOMES or importlib.util.find_spec(old):  # a module, not imported yet
         return importlib.import_module(old)
     if old in RENAMED:
         places = [RENAMED[old].rpartition(".")[::2]]

@@ -174,13 +174,19 @@ def test_what_is_said_is_said_of_the_instant_of_the_peak():
     assert low.endswith("the vehicle has -0.5 at least")
 
 
+@agvjax.pytree
+class Ninefold(agvjax.Element):
+    def __call__(self, u):
+        return 9 * u
+
+
 def test_what_stands_behind_a_saturation_counts():
     stop = Saturation(upper=2.0, lower=-1.0)
     assert deliverable(Chain(stop=stop, play=agvjax.Backlash(gap=0.4))) == pytest.approx((-0.8, 1.8))
     assert deliverable(Chain(stop=stop, lag=agvjax.Lag(), delay=agvjax.Delay())) == (-1.0, 2.0)
     assert deliverable(Chain(stop=stop, steps=agvjax.Quantisation(step=0.75))) == pytest.approx((-0.75, 2.25))
     assert deliverable(Chain(first=Chain(stop=stop), then=Saturation(upper=5.0, lower=-5.0))) == (-1.0, 2.0)
-    assert deliverable(Chain(stop=stop, unknown=lambda u: 9 * u)) == (-np.inf, np.inf)
+    assert deliverable(Chain(stop=stop, unknown=Ninefold())) == (-np.inf, np.inf)
     assert deliverable(Deadzone(slope_right=0.6)) == (-np.inf, np.inf)
 
 
@@ -250,7 +256,7 @@ def test_odd_scenarios_are_left_alone():
     said = "Silent: does not say what following a path takes"
     assert agvjax.path_warnings(scenario, 5.0) == [said]
     (said,) = agvjax.path_warnings(Scenario(path=None), 5.0)
-    assert said.startswith("it could not be looked at (TypeError")
+    assert said.startswith("it could not be looked at (AttributeError")
     assert agvjax.path_warnings(Scenario.of(Unicycle(), path=agvjax.Line(velocity=np.zeros(2))), 5.0) == []
     still = Scenario.of(SingleTrack(), path=agvjax.Line(velocity=np.zeros(2)))
     assert "stand still or reverse" in agvjax.path_warnings(still, 5.0)[0]
