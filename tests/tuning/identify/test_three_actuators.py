@@ -97,6 +97,7 @@ def config(**more):
     return Config(scenario=agvjax.Scenario.of(Omni()), identify=Identify(fit=("deadzone",), starts=1, **more))
 
 
+@pytest.mark.slow
 def test_deadzones_of_three_actuators_of_ones_own_are_found(log):
     result = identify([log], config())
     estimates = {e.name: e for e in result.verdict.estimates}
