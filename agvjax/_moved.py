@@ -7,6 +7,7 @@ import importlib.util
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
@@ -96,14 +97,14 @@ def find(module: str, name: str) -> object:
     raise AttributeError(f"module {module} has no attribute {name}")
 
 
-class Finder:
+class Finder(MetaPathFinder, Loader):
     """Finds modules of earlier releases, after all others have been asked."""
 
     def find_spec(
-        self, module: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """How to import an earlier module; None of any other."""
-        return ModuleSpec(module, self, is_package=True) if homes(module) else None  # pyright: ignore[reportArgumentType]
+        return ModuleSpec(fullname, self, is_package=True) if homes(fullname) else None
 
     def create_module(self, spec: ModuleSpec) -> None:
         """An ordinary module."""
@@ -113,4 +114,4 @@ class Finder:
         vars(module)["__getattr__"] = lambda name: find(module.__name__, name)
 
 
-sys.meta_path.append(Finder())  # pyright: ignore[reportArgumentType]
+sys.meta_path.append(Finder())

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._pytree import NONNEGATIVE, POSITIVE, number, pytree, structure
+from ._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from .engine import loop
 from .engine.rollout import Meter
 from .geometry import wrap
@@ -60,7 +60,7 @@ class Criteria(Meter):
 
     band: float = number(0.05, "m, m, rad; or a fraction of the first error where relative", POSITIVE, "reading R10")
     relative: bool = structure(False)
-    late: float = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
+    late: Real = number(4.0, "s", NONNEGATIVE, "past the transient of every law")
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
     smooth: bool = structure(False)  # also a settling time that has a slope
     delivered: bool = structure(False)  # also what the actuators delivered
@@ -95,7 +95,7 @@ class Criteria(Meter):
             delivered=_nothing_delivered(sample) if self.delivered else None,
         )
 
-    def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Any, Any]) -> Tally:
+    def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Array, Array]) -> Tally:
         """The tally with one more sample and its `weights`."""
         whole, late = weights
         e, u = tracking_error(sample), sample.command
@@ -117,7 +117,7 @@ class Criteria(Meter):
             delivered=None if tally.delivered is None else _delivered(tally.delivered, sample, whole),
         )
 
-    def _moment(self, moment: Any, weight: Any, t: Any, share: Any) -> Any:
+    def _moment(self, moment: Array | None, weight: Array, t: Array, share: Array) -> Array | None:
         """Integral of t^(MOMENT - 1) over the time outside the band, whose edge is soft."""
         if moment is None:
             return None
@@ -127,10 +127,10 @@ class Criteria(Meter):
     def finish(self, tally: Tally, ok: Bool[Array, ""], horizon: Float[Array, ""]) -> Metrics:
         """The metrics of a run of `horizon` seconds."""
 
-        def judged(value: Any) -> Any:
+        def judged(value: Array) -> Array:
             return jnp.where(ok, value, jnp.inf)
 
-        def mean_root(integral: Any, time: Any) -> Any:
+        def mean_root(integral: Array, time: Array) -> Array:
             return judged(safe_sqrt(integral / time))
 
         late_time = horizon - self.late
@@ -165,7 +165,7 @@ def _nothing_delivered(sample: loop.Sample) -> Delivered:
     return Delivered(last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.t))
 
 
-def _delivered(tally: Delivered, sample: loop.Sample, weight: Any) -> Delivered:
+def _delivered(tally: Delivered, sample: loop.Sample, weight: Array) -> Delivered:
     v = sample.delivered
     return Delivered(
         last=v,
@@ -176,7 +176,7 @@ def _delivered(tally: Delivered, sample: loop.Sample, weight: Any) -> Delivered:
     )
 
 
-def _smooth_settling(moment: Any, settled: Any, horizon: Any) -> Any:
+def _smooth_settling(moment: Array, settled: Array, horizon: Array) -> Array:
     """The moment as a time [s]; of a run that has not settled at least its horizon, with the same slope.
 
     An error that leaves the band for good at T gives (integral of p t^(p-1) over [0, T])^(1/p) = T; one that comes back
@@ -187,7 +187,7 @@ def _smooth_settling(moment: Any, settled: Any, horizon: Any) -> Any:
     return time + jax.lax.stop_gradient(jnp.where(settled, 0.0, jnp.maximum(horizon - time, 0.0)))
 
 
-def _trapezoid(t: Any, left: Any, right: Any, begin: Any, end: Any) -> Any:
+def _trapezoid(t: Array, left: Array, right: Array, begin: Real, end: Array) -> Array:
     """Weight of the sample at `t` in an integral from `begin` to `end`: half the way to either neighbour."""
     return jnp.maximum(jnp.minimum(left / 2, t - begin) + jnp.minimum(right / 2, end - t), 0)
 
