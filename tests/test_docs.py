@@ -134,7 +134,7 @@ def drive(file):
     """A drive of the page's robot, as it would be logged at 50 Hz."""
     import omni
 
-    run = simulate(agvjax.NeuroBackstepping(), Scenario.of(omni.Omni()), dt=0.005, n_steps=800, save_every=4)
+    run = simulate(agvjax.NeuroBackstepping(), Scenario.of(omni.Omni()), dt=0.005, n_steps=3200, save_every=4)
     columns = [run.t, run.position[:, 0], run.position[:, 1], run.heading, *np.asarray(run.inputs).T]
     with open(file, "w", newline="") as log:
         rows = csv.writer(log)
