@@ -112,10 +112,7 @@ COMMANDS = {
     "sweep": SWEEP,
     "pareto": Command("tune along a moving limit: the front of error against command"),
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
-    "reproduce": Command(
-        "rebuild the paper's tables and figures beside the printed numbers",
-        (_flag("--pdf", "write every figure as PDF too"),),
-    ),
+    "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
     "compare": Command("tune every law to the same command budget and judge it on unseen scenarios"),
     "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
     "identify": IDENTIFY,

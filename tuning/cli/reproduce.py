@@ -6,6 +6,7 @@ import argparse
 
 from agvjax import InputError
 
+from ..studies.paper import page, report
 from ..studies.paper import reproduce as paper
 from ..tune.rules import faults
 from .folders import new_folder
@@ -21,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = [f"--config {name}" for name in arguments.config] + [f"--set {text}" for text in arguments.set]
     with console.parts(paper.steps(config)) as tick:
         rebuilt = paper.Reproduction(config, tick)
-        paper.write(rebuilt, out, " ".join(["agvjax reproduce", *options]), arguments.pdf, tick)
+        report.write(rebuilt, out, " ".join(["agvjax reproduce", *options]), tick)
     told = f"report, tables and figures written to {out}; begin with {out}/report.html"
-    console.say(paper.page.summary(rebuilt), told)
+    console.say(page.summary(rebuilt), told)
     return 0

@@ -17,6 +17,8 @@ from jaxtyping import ArrayLike
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Json = dict[str, Any]  # a table of a JSON file
+
 
 def write(path: Path, data: str | bytes) -> None:
     """Write text or bytes."""

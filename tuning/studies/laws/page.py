@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,18 +12,18 @@ import agvjax
 from agvjax.leaves import get
 
 from ...io import files
+from ...io.files import Json
 from ...io.pages import grid, html
 from ..paper.cases import LABELS
-from ..paper.figures import caption
-from ..paper.page import image
+from ..paper.figures import caption, image
 from .study import BUDGET, Comparison, Tuned
 
 
-def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, Any]]:
+def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:
     """One row a law, best first: error on unseen scenarios and the share of the budget that it uses there."""
     made = []
     for name, tuned in found.items():
-        row: dict[str, Any] = {"law": name, "tuned": bool(tuned.excess == 0), "jacobians": tuned.looks}
+        row: Json = {"law": name, "tuned": bool(tuned.excess == 0), "jacobians": tuned.looks}
         row |= {"refused": tuned.refused, "starts_left_out": tuned.left_out}
         for label, metrics in (("before", tuned.metrics_before), ("after", tuned.metrics)):
             ok = np.asarray(metrics.ok)
@@ -43,7 +42,7 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[dict[str, A
     return sorted(made, key=lambda row: row["mean_after"])
 
 
-def markdown(made: list[dict[str, Any]]) -> str:
+def markdown(made: list[Json]) -> str:
     """The comparison as a table."""
     base = next(row for row in made if row["law"] == "proposed")
     lines = [
@@ -63,7 +62,7 @@ def markdown(made: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def statements(made: list[dict[str, Any]]) -> list[str]:
+def statements(made: list[Json]) -> list[str]:
     """What follows from the rows, in words; nothing is said that is not computed."""
     base = next(row for row in made if row["law"] == "proposed")
     better = [LABELS[r["law"]] for r in made if r["mean_after"] < 0.99 * base["mean_after"]]
@@ -84,7 +83,7 @@ def statements(made: list[dict[str, Any]]) -> list[str]:
     return said
 
 
-def figure(found: Mapping[str, Tuned], made: list[dict[str, Any]]) -> Figure:
+def figure(found: Mapping[str, Tuned], made: list[Json]) -> Figure:
     """Every law's error on the unseen scenarios, before and after tuning: middle, quartiles and extremes."""
     drawn = Figure(figsize=(8.5, 4.2), layout="constrained")
     axes = drawn.add_subplot()
@@ -124,7 +123,7 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     return "\n".join([table, "", *statements(made)])
 
 
-def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[dict[str, Any]]) -> str:
+def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[Json]) -> str:
     sizes = comparison.config.ensemble
     limits = grid(
         ["command", "mean", "worst"],

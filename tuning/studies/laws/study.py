@@ -32,7 +32,7 @@ class Tuned(NamedTuple):
     """One law: its gains before and after, and what each is worth on unseen scenarios."""
 
     start: Any
-    controller: Any
+    controller: agvjax.Law
     cost: float  # on the tuning scenarios
     excess: float  # of the budget there, as a ratio; 0 if it is kept
     looks: int  # Jacobians taken, over all starts
@@ -55,7 +55,7 @@ def laws(proposed: Any) -> dict[str, Any]:
     }
 
 
-def starts(name: str, law: Any) -> list[Any]:
+def starts(name: str, law: agvjax.Law) -> list[Any]:
     """Where the tuner starts from: the law's own gains, and those of some bandwidths where that is defined."""
     try:
         return [law, *(matched(name, p, law) for p in STARTS)]
@@ -87,14 +87,14 @@ class Comparison:
         """Mean and worst that the budget allows of a command metric."""
         return self.budget[:2, self.objective.names.index(metric)].tolist()
 
-    def judge(self, law: Any) -> agvjax.Metrics:
+    def judge(self, law: agvjax.Law) -> agvjax.Metrics:
         """Metrics on the validation scenarios."""
         found = agvjax.evaluate(
             agvjax.check(law), self.unseen, criteria=self.objective.criteria, **self.config.timing()
         )
         return jax.tree.map(np.asarray, found)
 
-    def tune(self, name: str, law: Any) -> Tuned:
+    def tune(self, name: str, law: agvjax.Law) -> Tuned:
         """The best of all starts: the budget kept first, then the cost."""
         config, settings = self.config, Tune(gains=law.gains_to_tune(), iterations=ITERATIONS)
         timed = dataclasses.replace(settings, dt=config.tune.dt, integrator=config.tune.integrator)

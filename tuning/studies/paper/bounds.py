@@ -37,12 +37,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+import agvjax
+from agvjax import Real
 from agvjax.controllers.backstepping import KnownSlopes
 from agvjax.controllers.filters import Filtered
 from agvjax.leaves import cast
 from agvjax.plants import DeliveredYawRate, TurnedVelocity
 
-from .proof import Constants, constants, signals, slope_range
+from .proof import Constants, Functions, Signals, constants, papers_deadzones, signals, slope_range
+
+Numbers = np.ndarray | Array
+Pair = tuple[Numbers, Numbers]  # both ends of an interval
 
 LATE = 4.0  # s, past the transient of every law, as in `Criteria`
 MEMORY = 1.0  # s, how much earlier what drives the errors is measured: the errors at `LATE` remember it
@@ -50,7 +55,7 @@ VACUOUS = 10.0  # a bound that many times what is observed says nothing
 SLOPES = 9  # constant slopes m tried between the smallest and the largest true one
 
 
-def vacuity(bound: Any, observed: Any) -> Any:
+def vacuity(bound: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """How many times what is observed a bound is; more than `VACUOUS` is called vacuous."""
     return bound / observed
 
@@ -85,26 +90,27 @@ class _Linear(NamedTuple):
     D: np.ndarray
 
 
-def _linear(rates: list[np.ndarray], outputs: list[np.ndarray]) -> _Linear:
+def _linear(rates: list[np.ndarray], outputs: list[Numbers]) -> _Linear:
     """A system from its rows over (x, w, v), each of shape (..., n + 1 + p)."""
     n, shape = len(rates), np.broadcast_shapes(*(row.shape for row in rates))
     x, y = (np.stack([np.broadcast_to(row, shape) for row in rows], axis=-2) for rows in (rates, outputs))
     return _Linear(x[..., :n], x[..., n : n + 1], x[..., n + 1 :], y[..., :n], y[..., n + 1 :])
 
 
-def _position(c: Any, m: np.ndarray, n: Any) -> _Linear:
+def _position(c: Any, m: np.ndarray, n: np.ndarray) -> _Linear:
     """The position: x = (Z1, beta1, phi1, phi2, chi2), v = (v_d, v_d'), y = (Z1, u, Z2, chi2)."""
     Z1, beta1, phi1, phi2, chi2, w, velocity, acceleration = np.eye(8)  # each signal as a row: the law makes the matrix
     alpha1 = c.virtual_control(Z1, beta1, velocity)
     alpha1_rate = c.virtual_control(chi2 - velocity, Z1, acceleration)
-    phi1_rate, phi2_rate = map(np.asarray, c.filter(Filtered(phi1, phi2, alpha1, alpha1_rate, c.omega_n, c.zeta)))
+    driven: Any = (phi1, phi2, alpha1, alpha1_rate, c.omega_n, c.zeta)
+    phi1_rate, phi2_rate = map(np.asarray, c.filter(Filtered(*driven)))
     inverse = 1 / np.broadcast_to(c.Pi_hat, 2)[:, None]
     u = -(c.k2 + n * inverse) * (chi2 - phi1) + phi1_rate * inverse  # (41)
     rates = [chi2 - velocity, Z1, phi1_rate, phi2_rate, m[:, None, None] * u + w]
     return _linear(rates, [Z1, u, chi2 - phi1, chi2])
 
 
-def _heading(c: Any, m: np.ndarray, n: Any) -> _Linear:
+def _heading(c: Any, m: np.ndarray, n: np.ndarray) -> _Linear:
     """The heading: x = (Z3, beta2), v = psi_d', y = (Z3, u, Z3)."""
     Z3, beta2, w, rate = np.eye(4)
     u = -(c.k3 + n / c.Pi_psi_hat) * Z3 + (rate - c.Lam_psi * beta2) / c.Pi_psi_hat  # (63)
@@ -144,8 +150,8 @@ def peak_gains(A: np.ndarray, b: np.ndarray, C: np.ndarray) -> tuple[np.ndarray,
     K = np.zeros((*A.shape[:-2], n + 1, n + 1))
     K[..., :n, :n], K[..., :n, n:] = A, b
     x, E = np.broadcast_to(np.eye(n + 1)[:, n:], (*A.shape[:-2], n + 1, 1)), _exponential(K * step)
-    total: Any = 0.0
-    F: Any = 0.0
+    total: Real = 0.0
+    F: Real = 0.0
     while reached < end:  # an octave: so many steps, each next one twice as long
         points, power = x, E
         for _ in range(doublings):
@@ -158,7 +164,7 @@ def peak_gains(A: np.ndarray, b: np.ndarray, C: np.ndarray) -> tuple[np.ndarray,
     return total, F[..., -1]
 
 
-def _response(system: _Linear, v: Any, x: np.ndarray, dt: Any) -> np.ndarray:
+def _response(system: _Linear, v: Numbers, x: np.ndarray, dt: Real) -> np.ndarray:
     """Outputs (M, a, q, N+1) for w = 0 and v (a, p, N+1), linear between samples `dt` apart, from state x (a, n)."""
     n, p = system.R.shape[-2:]
     K = np.zeros((*system.A.shape[:-2], n + 2 * p, n + 2 * p))
@@ -179,24 +185,26 @@ class _Known(NamedTuple):
 
     m: np.ndarray  # (M, 1), the slope
     nu: np.ndarray  # (M, a), half the range of n, over Pi_hat
-    low: np.ndarray  # (M, a, q), of the response to the reference
-    high: np.ndarray
+    low: Numbers  # (M, a, q), of the response to the reference
+    high: Numbers
     gain: np.ndarray  # (M, a, q), peak gain from w
     dc: np.ndarray  # (M, a, q), gain at frequency 0
 
 
-def _outputs(known: _Known, w: tuple[Any, Any]) -> tuple[Any, Any]:
+def _outputs(known: _Known, w: Pair) -> Pair:
     """Part 1: the ultimate intervals of the outputs (M, a, q) for w (M, a) in an interval."""
     centre, half = known.dc * ((w[0] + w[1]) / 2)[..., None], known.gain * ((w[1] - w[0]) / 2)[..., None]
     return known.low + centre - half, known.high + centre + half
 
 
-def _force(deadzone: Any, yaw_rate: Any, delta: Any, known: _Known, y: tuple[Any, Any]) -> tuple[Any, Any]:
+def _force(
+    deadzone: agvjax.Deadzone, yaw_rate: tuple[float, ...] | None, delta: Numbers, known: _Known, y: Pair
+) -> Pair:
     """Part 3: the interval of w (M, a) for outputs in the intervals y; the deadzone never falls, so corners will do."""
     low, high = y[0][..., 1], y[1][..., 1]
     network = known.nu * jnp.maximum(jnp.abs(y[0][..., 2]), jnp.abs(y[1][..., 2]))
 
-    def beyond(shift: Any) -> Array:  # dz(v + shift) - m v at the ends of v and at the kinks between
+    def beyond(shift: Numbers) -> Array:  # dz(v + shift) - m v at the ends of v and at the kinks between
         kinks = deadzone.threshold_right - shift, -deadzone.threshold_left - shift
         v = jnp.stack([low, high, *(jnp.clip(kink, low, high) for kink in kinks)])
         return deadzone(v + shift[None]) - known.m[None] * v
@@ -210,11 +218,11 @@ def _force(deadzone: Any, yaw_rate: Any, delta: Any, known: _Known, y: tuple[Any
 
 
 @jax.jit
-def _closed(deadzone: Any, yaw_rate: Any, delta: Any, known: _Known) -> tuple[Any, Any]:
+def _closed(deadzone: agvjax.Deadzone, yaw_rate: tuple[float, ...] | None, delta: Numbers, known: _Known) -> Pair:
     """Part 3, a priori: intervals of the outputs (M, a, q), infinite where the small gain does not hold."""
     deadzone, far = cast(deadzone, known.low.dtype), jnp.full(known.nu.shape, 1e6, known.low.dtype)
 
-    def f(_: Any, w: tuple[Any, Any]) -> tuple[Any, Any]:
+    def f(_: int | Array, w: Pair) -> Pair:
         return _force(deadzone, yaw_rate, delta, known, _outputs(known, w))
 
     first = f(0, (-far, far))
@@ -240,7 +248,20 @@ class Report(NamedTuple):
         return min(self.position, key=self.position.__getitem__), min(self.heading, key=self.heading.__getitem__)
 
 
-def report(controller: Any, scenario: Any, trajectory: Any, late: float = LATE) -> Report:
+class Proof(NamedTuple):
+    """What the paper's proof says of one run."""
+
+    constants: Constants
+    functions: Functions
+    report: Report
+    margins: dict[str, float]
+    sensitivity: float  # largest, of the commands to the compensation
+    xi2: float  # largest
+
+
+def report(
+    controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario, trajectory: agvjax.Trajectory, late: float = LATE
+) -> Report:
     """Printed and corrected bounds of one run beside what it shows; on the host, one run at a time.
 
     What is observed is observed after `late` [s], and what the conditional bounds rest on is measured from `MEMORY`
@@ -252,15 +273,16 @@ def report(controller: Any, scenario: Any, trajectory: Any, late: float = LATE) 
     if any(isinstance(belief, KnownSlopes) for belief in (controller.Pi_hat, controller.Pi_psi_hat)):
         raise ValueError("the corrected bounds need beliefs Pi_hat and Pi_psi_hat that are numbers, not KnownSlopes")
     controller, scenario = cast((controller, scenario), trajectory.t.dtype)
-    s: Any = jax.tree.map(lambda x: np.asarray(x, float), signals(controller, scenario, trajectory))
+    s: Signals = jax.tree.map(lambda x: np.asarray(x, float), signals(controller, scenario, trajectory))
     c = jax.tree.map(lambda x: np.asarray(x, float), controller)
     found, after, before = constants(controller, scenario, trajectory, late), s.t >= late, s.t >= late - MEMORY
 
-    turn, yaw_rate = _one_slope(c, scenario.deadzone["heading"], s, before, True)
-    plant = scenario.plant
-    close = isinstance(plant.coupling, TurnedVelocity) and isinstance(plant.yaw_rate, DeliveredYawRate)
-    axes, _ = _one_slope(c, scenario.deadzone["position"], s, before, close, yaw_rate)
-    axes["cascade"] = _cascade(c, float(slope_range(scenario.deadzone["position"])[0]), s, before)
+    turn, yaw_rate = _one_slope(c, papers_deadzones(scenario)["heading"], s, before, True)
+    plant, deadzones = scenario.plant, papers_deadzones(scenario)
+    turned = isinstance(plant, agvjax.Decoupled) and isinstance(plant.coupling, TurnedVelocity)
+    close = isinstance(plant, agvjax.Decoupled) and turned and isinstance(plant.yaw_rate, DeliveredYawRate)
+    axes, _ = _one_slope(c, deadzones["position"], s, before, close, yaw_rate)
+    axes["cascade"] = _cascade(c, float(slope_range(deadzones["position"])[0]), s, before)
     heading = {name: float(bound[0]) for name, bound in turn.items()}
     return Report(
         observed=np.array([np.linalg.norm(s.Z1[after], axis=1).max(), np.abs(s.Z3[after]).max()]),
@@ -273,18 +295,25 @@ def report(controller: Any, scenario: Any, trajectory: Any, late: float = LATE) 
     )
 
 
-def _interval(x: Any, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def _interval(x: Numbers, axis: int) -> Pair:
     return x.min(axis=axis), x.max(axis=axis)
 
 
-def _cascade(c: Any, Pi_min: float, s: Any, after: Any) -> np.ndarray:
+def _cascade(c: Any, Pi_min: float, s: Signals, after: Numbers) -> np.ndarray:
     """Part 2: a bound on |Z1| for each axis."""
     D2 = s.rate[:, :2] - s.phi1_rate + s.slope[:, :2] * (c.k2 + s.gain[:, :1] / c.Pi_hat) * s.Zb2
     D2, eta = (np.abs(x[after]).max(axis=0) for x in (D2, s.filter_error))
     return peak_gain(c.k1, c.Lam) * (D2 / (Pi_min * c.k2) + eta)
 
 
-def _one_slope(c: Any, deadzone: Any, s: Any, after: Any, close: bool, yaw_rate: Any = None) -> tuple[dict, Any]:
+def _one_slope(
+    c: Any,
+    deadzone: agvjax.Deadzone,
+    s: Signals,
+    after: Numbers,
+    close: bool,
+    yaw_rate: tuple[float, ...] | None = None,
+) -> tuple[dict[str, np.ndarray], tuple[float, ...]]:
     """Part 3: bounds (a,) on |Z1| of each axis or, without a yaw rate, on |Z3|; and the interval of what is delivered.
 
     `yaw_rate` is the ultimate interval of the delivered yaw rate. Only `close` asks for an a-priori bound.
@@ -314,4 +343,4 @@ def _one_slope(c: Any, deadzone: Any, s: Any, after: Any, close: bool, yaw_rate:
         bounds["a priori"] = np.maximum(-low, high)[..., 0].min(axis=0)
     network = known.nu * np.maximum(-low, high)[..., 2]
     u = (low[..., 1] - network).max(), (high[..., 1] + network).min()
-    return bounds, tuple(float(deadzone(float(x))) for x in u)
+    return bounds, tuple(float(deadzone(jnp.asarray(float(x)))) for x in u)

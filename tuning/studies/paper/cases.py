@@ -14,6 +14,9 @@ import numpy as np
 import agvjax
 from agvjax.leaves import cast
 
+from ...config.settings import Config
+from .proof import papers_deadzones
+
 LABELS = {
     "proposed": "Proposed",
     "osfc": "OSFC",
@@ -40,11 +43,19 @@ ORDERS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 class Case(NamedTuple):
     """One run: a law in a scenario."""
 
-    controller: Any
-    scenario: Any
+    controller: agvjax.Law
+    scenario: agvjax.Scenario
 
 
-def faults(controller: Any, scenario: Any) -> list[agvjax.Fault]:
+def papers_law(config: Config) -> agvjax.NeuroBackstepping:
+    """The paper's law of a configuration; see `faults`."""
+    law = config.controller
+    if not isinstance(law, agvjax.NeuroBackstepping):
+        raise agvjax.InputError(faults(law, config.scenario))
+    return law
+
+
+def faults(controller: agvjax.Law, scenario: agvjax.Scenario) -> list[agvjax.Fault]:
     """What the laws of the paper need of a configuration."""
     found = []
     if type(controller) is not agvjax.NeuroBackstepping:
@@ -55,7 +66,7 @@ def faults(controller: Any, scenario: Any) -> list[agvjax.Fault]:
     return found
 
 
-def matched(law: str, p: float, like: Any) -> Any:
+def matched(law: str, p: float, like: agvjax.Law) -> agvjax.Law:
     """A law's gains for the closed-loop bandwidth p [1/s] ; what p does not set is that of `like`."""
     gains: dict[str, dict[str, float]] = {
         "proposed": {"k1": p, "k2": p, "Lam": 0.04 * p**2, "k3": 0.6 * p, "Lam_psi": 0.0625 * (0.6 * p) ** 2},
@@ -64,33 +75,33 @@ def matched(law: str, p: float, like: Any) -> Any:
         "dfc": {"kp": p**2, "kd": 2 * p, "kpsi": 0.6 * p},
         "ftsmc": {"a": 0.75 * p, "k1": 0.75 * p, "b": 0.25 * p, "k2": 0.25 * p, "kw1": 0.45 * p, "kw2": 0.15 * p},
     }
-    return dataclasses.replace(like, **gains[law])
+    return agvjax.replace(like, gains[law])
 
 
-def true_slopes(controller: Any, scenario: Any) -> Any:
+def true_slopes(controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> agvjax.NeuroBackstepping:
     """A backstepping law that knows the scenario's slopes (readings R2, R3)."""
     beliefs = {}
     for name, channel in (("Pi_hat", "position"), ("Pi_psi_hat", "heading")):
-        actuator = scenario.deadzone[channel]
+        actuator = papers_deadzones(scenario)[channel]
         beliefs[name] = agvjax.readings.KnownSlopes(right=actuator.slope_right, left=actuator.slope_left)
     return dataclasses.replace(controller, **beliefs)
 
 
-def no_deadzone(scenario: Any) -> Any:
+def no_deadzone(scenario: agvjax.Scenario) -> agvjax.Scenario:
     """The same scenario with actuators that deliver what they are asked for."""
     return dataclasses.replace(scenario, deadzone={name: agvjax.Deadzone() for name in scenario.deadzone})
 
 
-def groups(proposed: Any, scenario: Any) -> dict[str, dict[str, Case]]:
+def groups(proposed: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> dict[str, dict[str, Case]]:
     """All runs of the reproduction, in groups of one structure, each rolled out as one batch: group -> name -> case."""
     change = functools.partial(dataclasses.replace, proposed)
     laws = {"osfc": agvjax.OSFC(), "asmc": agvjax.ASMC(), "dfc": agvjax.DFC(), "ftsmc": agvjax.FTSMC()}
 
-    def swept(law: str, like: Any) -> dict[str, Case]:
+    def swept(law: str, like: agvjax.Law) -> dict[str, Case]:
         named = {law: like} | {f"{law} p={p:g}": matched(law, p, like) for p in BANDWIDTHS}
         return {name: Case(controller, scenario) for name, controller in named.items()}
 
-    def alone(**controllers: Any) -> dict[str, Case]:
+    def alone(**controllers: agvjax.Law) -> dict[str, Case]:
         return {name: Case(controller, scenario) for name, controller in controllers.items()}
 
     found = {"proposed": swept("proposed", proposed)}
@@ -117,16 +128,19 @@ def groups(proposed: Any, scenario: Any) -> dict[str, dict[str, Case]]:
     return found | {name: {name: case} for name, case in readings(proposed, scenario).items()}
 
 
-def literal_thresholds(scenario: Any) -> Any:
+def literal_thresholds(scenario: agvjax.Scenario) -> agvjax.Scenario:
     """Reading R1, selectable: the left thresholds negative, as section 4 prints them."""
-    signed = {n: dataclasses.replace(d, threshold_left=-d.threshold_left) for n, d in scenario.deadzone.items()}
+    signed = {
+        n: dataclasses.replace(d, threshold_left=-d.threshold_left) for n, d in papers_deadzones(scenario).items()
+    }
     return dataclasses.replace(scenario, deadzone=signed)
 
 
-def readings(proposed: Any, scenario: Any) -> dict[str, Case]:
+def readings(proposed: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> dict[str, Case]:
     """Readings R5, R8 and R9 that are not the default, each alone."""
     see = functools.partial(dataclasses.replace, scenario)
-    plant = functools.partial(dataclasses.replace, scenario.plant)
+    decoupled: Any = scenario.plant  # see `faults`
+    plant = functools.partial(dataclasses.replace, decoupled)
     return {
         "R5 literal filter": Case(dataclasses.replace(proposed, filter=agvjax.readings.LiteralFilter()), scenario),
         "R8 raw bearing": Case(proposed, see(heading=agvjax.readings.RawBearing())),
@@ -137,12 +151,29 @@ def readings(proposed: Any, scenario: Any) -> dict[str, Case]:
     }
 
 
+class Run(NamedTuple):
+    """A case's trajectory, and its metrics by settling band."""
+
+    trajectory: agvjax.Trajectory
+    metrics: dict[str, agvjax.Metrics]
+
+    @property
+    def judged(self) -> agvjax.Metrics:
+        """The metrics with the band of 0.05 m and rad (reading R10)."""
+        return self.metrics["0.05"]
+
+
+Judged = Mapping[str, Run]  # by case
+
+
 @functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator"))
-def _roll(controllers: Any, deadzones: Any, scenario: Any, **timing: Any) -> tuple[Any, Any]:
-    def one(controller: Any, deadzone: Any) -> tuple[Any, Any]:
+def _roll(
+    controllers: agvjax.Law, deadzones: dict[str, agvjax.Deadzone], scenario: agvjax.Scenario, **timing: Any
+) -> Run:
+    def one(controller: agvjax.Law, deadzone: dict[str, agvjax.Deadzone]) -> Run:
         run = agvjax.simulate(controller, dataclasses.replace(scenario, deadzone=deadzone), **timing)
         judged = [agvjax.measure(run, agvjax.Criteria(**band)) for band in BANDS.values()]
-        return run, dict(zip(BANDS, judged, strict=True))
+        return Run(run, dict(zip(BANDS, judged, strict=True)))
 
     return jax.vmap(one)(controllers, deadzones)
 
@@ -154,8 +185,8 @@ BANDS: dict[str, dict[str, Any]] = {  # reading R10: the paper does not say whic
 }
 
 
-def roll(cases: Mapping[str, Case], timing: Mapping[str, Any]) -> dict[str, tuple[Any, dict[str, Any]]]:
-    """Run cases of one structure as one batch: name -> (trajectory, band -> metrics), as NumPy arrays.
+def roll(cases: Mapping[str, Case], timing: Mapping[str, Any]) -> dict[str, Run]:
+    """Run cases of one structure as one batch, by name, as NumPy arrays.
 
     They may differ in the numbers of the law and of the deadzones; the rest of the scenario is that of the first.
     """

@@ -9,17 +9,20 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, PyTree
 
 import agvjax
 from agvjax.paths.heading import reference
 
+from ...io.files import Json
 from . import cases
+from .cases import Judged, Run
 from .published import CHANNELS
 
 REFINEMENTS = 5  # halvings of the step in the Zeno check
 
 
-def seen(trajectory: Any) -> Any:
+def seen(trajectory: agvjax.Trajectory) -> Any:
     """What the law measured along a run of the decoupled plant."""
     return agvjax.Measurement(
         position=trajectory.position,
@@ -29,20 +32,20 @@ def seen(trajectory: Any) -> Any:
     )
 
 
-def network(judged: Mapping[str, Any], groups: Mapping[str, Mapping[str, cases.Case]]) -> list[dict[str, Any]]:
+def network(judged: Judged, groups: Mapping[str, Mapping[str, cases.Case]]) -> list[Json]:
     """Fact (a): how large the network's gain becomes beside k2, and what it does to the RMSE, for each b1."""
-    every = {name: case for group in groups.values() for name, case in group.items()}
+    every: dict[str, Any] = {name: case.controller for group in groups.values() for name, case in group.items()}
     rows = []
     for prefix, known in (("b1", False), ("known b1", True)):
         for b1 in cases.B1:
             name = f"{prefix}={b1:g}"
-            rows.append({"b1": b1, "known_slopes": known, **_network_row(judged[name], every[name].controller)})
-    without = judged["no_network"][1]["0.05"].rmse
+            rows.append({"b1": b1, "known_slopes": known, **_network_row(judged[name], every[name])})
+    without = judged["no_network"].judged.rmse
     none = {"b1": None, "known_slopes": False, "gain_position": 0.0, "gain_heading": 0.0}
     return [*rows, none | {f"rmse_{c}": float(without[i]) for i, c in enumerate(CHANNELS)}]
 
 
-def _network_row(run: Any, controller: Any) -> dict[str, float]:
+def _network_row(run: Run, controller: agvjax.NeuroBackstepping) -> dict[str, float]:
     trajectory, metrics = run
     norms = np.asarray(trajectory.weight_norm)
     shares = jax.vmap(controller.shares)(jax.tree.map(jnp.asarray, seen(trajectory)))
@@ -57,14 +60,14 @@ def _network_row(run: Any, controller: Any) -> dict[str, float]:
     return named | {f"rmse_{c}": float(rmse[i]) for i, c in enumerate(CHANNELS)}
 
 
-def bandwidth(judged: Mapping[str, Any]) -> list[dict[str, Any]]:
+def bandwidth(judged: Judged) -> list[Json]:
     """Fact (b): at matched bandwidth, in which channels each law beats the proposed one, and at what peak command."""
     rows = []
     for p in cases.BANDWIDTHS:
-        base = judged[f"proposed p={p:g}"][1]["0.05"]
+        base = judged[f"proposed p={p:g}"].judged
         for law in ("osfc", "asmc", "dfc", "ftsmc"):
-            other = judged[f"{law} p={p:g}"][1]["0.05"]
-            row: dict[str, Any] = {"p": p, "law": law}
+            other = judged[f"{law} p={p:g}"].judged
+            row: Json = {"p": p, "law": law}
             for metric in ("rmse", "rmse_late", "settling_time"):
                 mine, theirs = np.asarray(getattr(base, metric)), np.asarray(getattr(other, metric))
                 row[f"better_{metric}"] = [c for i, c in enumerate(CHANNELS) if theirs[i] < mine[i]]
@@ -73,7 +76,7 @@ def bandwidth(judged: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def updates(trajectory: Any) -> dict[str, Any]:
+def updates(trajectory: agvjax.Trajectory) -> Json:
     """How often each channel of an event-triggered run was updated, and the shortest interval between updates [s]."""
     t, command = np.asarray(trajectory.t), np.asarray(trajectory.command)
     counts, shortest = [], []
@@ -84,10 +87,10 @@ def updates(trajectory: Any) -> dict[str, Any]:
     return {"updates": counts, "shortest": shortest, "of": t.size - 1}
 
 
-def steepest(trajectory: Any, controller: Any, scenario: Any) -> np.ndarray:
+def steepest(trajectory: agvjax.Trajectory, controller: agvjax.EventTriggered, scenario: agvjax.Scenario) -> np.ndarray:
     """Largest |rate| of what the law inside asks for along an event-triggered run, (3,) [1/s of the command]."""
 
-    def asked(t: Any, flow: Any, measurement: Any) -> Any:
+    def asked(t: Array, flow: PyTree, measurement: agvjax.Measurement) -> agvjax.Command:
         ref = reference(scenario.path, scenario.heading, t)
         command, _ = controller.inner.law(flow, (), measurement, ref)
         return agvjax.Command(position=command.position, heading=command.heading)
@@ -98,15 +101,18 @@ def steepest(trajectory: Any, controller: Any, scenario: Any) -> np.ndarray:
     return np.abs(np.diff(u, axis=0)).max(axis=0) / float(trajectory.t[1] - trajectory.t[0])
 
 
-def zeno(case: cases.Case, timing: Mapping[str, Any]) -> dict[str, Any]:
+def zeno(case: cases.Case, timing: Mapping[str, Any]) -> Json:
     """The shortest interval at ever finer steps, beside its bound m / sup |u'|; whether it is the grid's or its own."""
-    rows, trajectory = [], None
+    law, rows = case.controller, []
+    if not isinstance(law, agvjax.EventTriggered):
+        raise ValueError(f"zeno needs an event-triggered law; got {type(law).__name__}")
+    runs = []
     for k in range(REFINEMENTS):
         finer = {**timing, "dt": timing["dt"] / 2**k}  # as many steps: the shortest interval is in the first instants
-        trajectory = cases.roll({"event": case}, finer)["event"][0]
-        rows.append({"dt": finer["dt"], "shortest": updates(trajectory)["shortest"]})
-    rates = steepest(trajectory, case.controller, case.scenario)
-    m = np.broadcast_to(np.asarray(case.controller.m, float), (3,))
+        runs.append(cases.roll({"event": case}, finer)["event"].trajectory)
+        rows.append({"dt": finer["dt"], "shortest": updates(runs[-1])["shortest"]})
+    rates = steepest(runs[-1], law, case.scenario)
+    m = np.broadcast_to(np.asarray(law.m, float), (3,))
     last, before = rows[-1], rows[-2]
     limited = [
         bool(s <= 1.5 * last["dt"] or s < 0.75 * b) for s, b in zip(last["shortest"], before["shortest"], strict=True)
@@ -114,7 +120,9 @@ def zeno(case: cases.Case, timing: Mapping[str, Any]) -> dict[str, Any]:
     return {"steps": rows, "rate": rates.tolist(), "bound": (m / rates).tolist(), "grid_limited": limited}
 
 
-def cost(controllers: Mapping[str, Any], scenario: Any, timing: Mapping[str, Any], repeats: int = 7) -> dict[str, Any]:
+def cost(
+    controllers: Mapping[str, Any], scenario: agvjax.Scenario, timing: Mapping[str, Any], repeats: int = 7
+) -> Json:
     """Run time of a closed-loop step beside the first law's, interleaved in one run, and numbers of states."""
     once = {name: _runner(c, scenario, {**timing, "save_every": timing["n_steps"]}) for name, c in controllers.items()}
     for run in once.values():
@@ -140,7 +148,7 @@ def cost(controllers: Mapping[str, Any], scenario: Any, timing: Mapping[str, Any
     return found
 
 
-def _runner(controller: Any, scenario: Any, timing: Mapping[str, Any]) -> Callable[[], Any]:
+def _runner(controller: agvjax.Law, scenario: agvjax.Scenario, timing: Mapping[str, Any]) -> Callable[[], Any]:
     controller, scenario = agvjax.check(controller), agvjax.check(scenario)
     return lambda: jax.block_until_ready(agvjax.simulate(controller, scenario, **timing))
 

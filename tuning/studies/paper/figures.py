@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +13,8 @@ from agvjax.draw import plot
 
 from . import cases
 from . import proof as theory
-from .cases import LABELS
+from .bounds import Proof, Report
+from .cases import LABELS, Judged
 
 REFERENCE = {"color": "0.6", "lw": 2.4, "ls": "-", "zorder": 1}
 STYLES = (  # told apart by dashes alone, and from dark to light
@@ -50,7 +50,8 @@ CAPTIONS = {
     "comparison": "Every law tuned by the same tuner to the same command budget, on unseen scenarios",
 }
 CHANNEL_AXES = ("x [m]", "y [m]", r"$\psi$ [rad]")
-Trajectories = Mapping[str, Any]
+Values = Callable[[agvjax.Trajectory], np.ndarray]  # what is drawn of a run
+Trajectories = Mapping[str, agvjax.Trajectory]
 
 
 def caption(name: str, figure: Figure, command: str) -> Figure:
@@ -78,32 +79,36 @@ def paper(runs: Trajectories) -> dict[str, Figure]:
     return made
 
 
-def _positions(run: Any) -> np.ndarray:
+def _positions(run: agvjax.Trajectory) -> np.ndarray:
     return np.asarray(run.position)
 
 
-def _headings(run: Any) -> np.ndarray:
+def _headings(run: agvjax.Trajectory) -> np.ndarray:
     return np.asarray(run.heading)[:, None]
 
 
-def _reference_positions(run: Any) -> np.ndarray:
+def _reference_positions(run: agvjax.Trajectory) -> np.ndarray:
     return np.asarray(run.reference_position)
 
 
-def _reference_headings(run: Any) -> np.ndarray:
+def _reference_headings(run: agvjax.Trajectory) -> np.ndarray:
     return np.asarray(run.reference_heading)[:, None]
 
 
-def _errors(run: Any) -> np.ndarray:
+def _errors(run: agvjax.Trajectory) -> np.ndarray:
     return np.asarray(agvjax.tracking_error(run))
 
 
-def _nothing(columns: int) -> Any:
+def _nothing(columns: int) -> Values:
     return lambda run: np.zeros((np.size(run.t), columns))
 
 
 def in_time(
-    shown: Trajectories, values: Any, labels: Sequence[str], reference: Any = None, transient: float | None = None
+    shown: Trajectories,
+    values: Values,
+    labels: Sequence[str],
+    reference: Values | None = None,
+    transient: float | None = None,
 ) -> Figure:
     """One row of axes for each label against time; with `transient`, the first so many seconds beside the whole."""
     columns = 1 if transient is None else 2
@@ -151,7 +156,7 @@ def in_plane(shown: Trajectories) -> Figure:
     return figure
 
 
-def b1(rows: Sequence[Mapping[str, Any]], k2: float) -> Figure:
+def b1(rows: Sequence[Mapping[str, float]], k2: float) -> Figure:
     """`rows` of facts.network: RMSE by channel, and the largest network gain, against b1."""
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     error, gain = figure.subplots(1, 2)
@@ -175,12 +180,12 @@ def b1(rows: Sequence[Mapping[str, Any]], k2: float) -> Figure:
     return figure
 
 
-def bandwidth(judged: Mapping[str, Any]) -> Figure:
+def bandwidth(judged: Judged) -> Figure:
     """RMSE over the lap and after 4 s by channel, all five laws."""
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True)
     for style, law in zip(STYLES, ("proposed", "osfc", "asmc", "dfc", "ftsmc"), strict=True):
-        runs = [judged[f"{law} p={p:g}"][1]["0.05"] for p in cases.BANDWIDTHS]
+        runs = [judged[f"{law} p={p:g}"].judged for p in cases.BANDWIDTHS]
         for row, (metric, word) in enumerate((("rmse", "RMSE"), ("rmse_late", "RMSE after 4 s"))):
             for i, unit in enumerate(CHANNEL_AXES):
                 y = [float(getattr(m, metric)[i]) for m in runs]
@@ -221,7 +226,7 @@ def readings(runs: Trajectories) -> Figure:
     return figure
 
 
-def event(held: Any, continuous: Any) -> Figure:
+def event(held: agvjax.Trajectory, continuous: agvjax.Trajectory) -> Figure:
     """Held and continuous commands in the first 0.4 s, and when each channel was updated."""
     figure = Figure(figsize=(9, 5.2), layout="constrained")
     grid = figure.subplots(2, 3)
@@ -241,10 +246,10 @@ def event(held: Any, continuous: Any) -> Figure:
     return figure
 
 
-def fractional(judged: Mapping[str, Any]) -> Figure:
+def fractional(judged: Judged) -> Figure:
     """RMSE over the lap and after 4 s against the order, relative to order 1."""
     figure = Figure(figsize=(7.5, 3.4), layout="constrained")
-    runs = [judged[f"lam={lam:g}"][1]["0.05"] for lam in cases.ORDERS]
+    runs = [judged[f"lam={lam:g}"].judged for lam in cases.ORDERS]
     for axes, metric, word in zip(
         figure.subplots(1, 2), ("rmse", "rmse_late"), ("RMSE", "RMSE after 4 s"), strict=True
     ):
@@ -257,9 +262,9 @@ def fractional(judged: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def lyapunov(trajectory: Any, found: Mapping[str, Any]) -> Figure:
+def lyapunov(trajectory: agvjax.Trajectory, found: Proof) -> Figure:
     """L2 and L4 with their printed bounds, and the errors with the printed and the corrected ultimate bounds."""
-    constants, functions, report = found["constants"], found["functions"], found["report"]
+    constants, functions, report = found.constants, found.functions, found.report
     t = np.asarray(trajectory.t)
     errors = _errors(trajectory)
     figure = Figure(figsize=(9, 5.4), layout="constrained")
@@ -283,7 +288,7 @@ def lyapunov(trajectory: Any, found: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def vacuity(reports: Sequence[Any]) -> Figure:
+def vacuity(reports: Sequence[Report]) -> Figure:
     """Histograms of bound over observed error, printed and corrected."""
     figure = Figure(figsize=(8.5, 3.4), layout="constrained")
     for i, (axes, word) in enumerate(zip(figure.subplots(1, 2), ("position, |Z1|", "heading, |Z3|"), strict=True)):
@@ -295,3 +300,8 @@ def vacuity(reports: Sequence[Any]) -> Figure:
         axes.set(xscale="log", xlabel=f"bound / observed, {word}", ylabel="scenarios")
         axes.legend(fontsize=8)
     return figure
+
+
+def image(name: str) -> str:
+    """A figure with its caption."""
+    return f"![{CAPTIONS[name]}]({name}.png)\n\n*{CAPTIONS[name]}.*"

@@ -2,74 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ...io.files import Json
 from ...io.pages import grid
-from . import cases, tables
+from . import tables
 from .bounds import VACUOUS
 from .cases import LABELS
-from .figures import CAPTIONS
+from .figures import image
 from .published import CHANNELS
+from .reproduce import Reproduction
 
 
-def data(found: Any) -> dict[str, Any]:
-    """What `tables.json` holds besides the paper's own tables."""
-    nominal = found.lyapunov["report"]
-    return {
-        "extras": tables.plain(found.extras),
-        "readings": {name: _metrics(run[1]["0.05"]) for name, run in found.readings.items()},
-        "table1_cost": found.cost,
-        "facts": {
-            "a_network": found.network,
-            "b_bandwidth": found.bandwidth,
-            "c_compensator": {
-                "largest_sensitivity": found.lyapunov["sensitivity"],
-                "largest_xi2": found.lyapunov["xi2"],
-            },
-            "d_bounds": _bounds(found),
-        },
-        "lyapunov": {
-            "constants": {k: float(v) for k, v in vars(found.lyapunov["constants"]).items()},
-            "margins": found.lyapunov["margins"],
-            "nominal": {k: np.asarray(getattr(nominal, k)).tolist() for k in ("observed", "printed", "corrected")},
-        },
-        "event": found.updates | {"zeno": found.zeno},
-        "fractional": {f"{lam:g}": _metrics(found.judged[f"lam={lam:g}"][1]["0.05"]) for lam in cases.ORDERS},
-    }
-
-
-def _metrics(metrics: Any) -> dict[str, Any]:
-    names = ("settling_time", "rmse", "rmse_late", "rms_command", "peak_command", "chatter")
-    said = {
-        name: [tables.number(v, name) if np.isinf(v) else v for v in np.asarray(getattr(metrics, name)).tolist()]
-        for name in names
-    }
-    return said | {"ok": bool(metrics.ok)}
-
-
-def _bounds(found: Any) -> dict[str, Any]:
-    """Bound over observed on the sampled scenarios: median, smallest and largest, position then heading."""
-    rows: dict[str, Any] = {"scenarios": len(found.bounds)}
-    for name in ("printed", "corrected"):
-        ratios = np.array([getattr(r, name) / r.observed for r in found.bounds])
-        rows[name] = {
-            "median": np.median(ratios, 0).tolist(),
-            "smallest": ratios.min(0).tolist(),
-            "largest": ratios.max(0).tolist(),
-            "vacuous": (ratios > VACUOUS).sum(0).tolist(),
-            "violated": (ratios < 1).sum(0).tolist(),
-        }
-    return rows
-
-
-def image(name: str) -> str:
-    """A figure with its caption."""
-    return f"![{CAPTIONS[name]}]({name}.png)\n\n*{CAPTIONS[name]}.*"
-
-
-def summary(found: Any) -> str:
+def summary(found: Reproduction) -> str:
     """How many cells of Tables 1 and 2 hold, and what to say in one breath."""
     lines = []
     for name, word in (("table1", "Table 1"), ("table2", "Table 2")):
@@ -81,12 +26,12 @@ def summary(found: Any) -> str:
     )
 
 
-def horizons(found: Any) -> str:
+def horizons(found: Reproduction) -> str:
     """Over which horizon our RMSE is the printed one: there is no common one, which is why RMSE is not reproduced."""
     lines, spread = [], []
     for name, printed in tables.TABLE2.items():
         values = [tables.horizon(found.trajectories[name], i, printed.rmse[i]) for i in range(3)]
-        settled = found.judged[name][1]["0.05"].settling_time
+        settled = found.judged[name].judged.settling_time
         spread += [v for v in values if not np.isnan(v)]
         cells = ["none" if np.isnan(v) else f"{v:.2f}" for v in values]
         lines.append([LABELS[name], *cells, *(tables.number(float(s), "settling_time") for s in settled)])
@@ -99,7 +44,7 @@ def horizons(found: Any) -> str:
     return f"{table}\n\n{said}"
 
 
-def network(found: Any) -> str:
+def network(found: Reproduction) -> str:
     """Fact (a)."""
     header = ["b1 = b2", "slopes", "largest network gain, position [1/s]", "heading [1/s]", "RMSE x", "y", "psi"]
     lines = [
@@ -115,7 +60,7 @@ def network(found: Any) -> str:
     return grid(header, lines)
 
 
-def bandwidth(found: Any) -> str:
+def bandwidth(found: Reproduction) -> str:
     """Fact (b): which law beats the proposed one at matched gains, in how many of the three channels."""
     header = [
         "p [1/s]",
@@ -133,7 +78,7 @@ def bandwidth(found: Any) -> str:
     return grid(header, lines)
 
 
-def readings(found: Any) -> str:
+def readings(found: Reproduction) -> str:
     """Every reading with its RMSE and settling times."""
     header = ["reading", "RMSE x", "y", "psi", "after 4 s x", "y", "psi", "settles x [s]", "y", "psi"]
     lines = []
@@ -144,9 +89,24 @@ def readings(found: Any) -> str:
     return grid(header, lines)
 
 
-def bounds(found: Any) -> str:
+def sampled_bounds(found: Reproduction) -> Json:
+    """Bound over observed on the sampled scenarios: median, smallest and largest, position then heading."""
+    rows: Json = {"scenarios": len(found.bounds)}
+    for name in ("printed", "corrected"):
+        ratios = np.array([getattr(r, name) / r.observed for r in found.bounds])
+        rows[name] = {
+            "median": np.median(ratios, 0).tolist(),
+            "smallest": ratios.min(0).tolist(),
+            "largest": ratios.max(0).tolist(),
+            "vacuous": (ratios > VACUOUS).sum(0).tolist(),
+            "violated": (ratios < 1).sum(0).tolist(),
+        }
+    return rows
+
+
+def bounds(found: Reproduction) -> str:
     """Printed and corrected bounds beside what was observed."""
-    nominal, sampled = found.lyapunov["report"], _bounds(found)
+    nominal, sampled = found.lyapunov.report, sampled_bounds(found)
     header = ["", "observed", "printed bound", "/ observed", "corrected bound", "/ observed"]
     lines = []
     for i, name in enumerate(("position, sup of the norm of Z1 after 4 s [m]", "heading, sup of Z3 after 4 s [rad]")):
@@ -166,9 +126,9 @@ def bounds(found: Any) -> str:
     return text + grid(header, lines)
 
 
-def constants(found: Any) -> str:
+def constants(found: Reproduction) -> str:
     """a1..a6 and what they are made of; the margins."""
-    values, margins = found.lyapunov["constants"], found.lyapunov["margins"]
+    values, margins = found.lyapunov.constants, found.lyapunov.margins
     first = grid(["constant", "value"], [[k, float(v)] for k, v in vars(values).items()])
     return (
         first
@@ -177,7 +137,7 @@ def constants(found: Any) -> str:
     )
 
 
-def event(found: Any) -> str:
+def event(found: Reproduction) -> str:
     """Updates saved, and the Zeno check."""
     u, z = found.updates, found.zeno
     lines = []
@@ -199,13 +159,13 @@ def event(found: Any) -> str:
     return grid([*header, "bound m / sup of the rate [s]", "shortest is"], lines)
 
 
-def relative(found: Any, name: str) -> str:
+def relative(found: Reproduction, name: str) -> str:
     """RMSE of a case relative to the proposed law's, by channel."""
-    mine, base = (np.asarray(found.judged[n][1]["0.05"].rmse) for n in (name, "proposed"))
+    mine, base = (np.asarray(found.judged[n].judged.rmse) for n in (name, "proposed"))
     return ", ".join(f"{c} {m / b - 1:+.1%}" for c, m, b in zip(CHANNELS, mine, base, strict=True))
 
 
-def cost(found: Any) -> str:
+def cost(found: Reproduction) -> str:
     """Table 1's argument, measured."""
     header = [
         "adapted weights of each network",
@@ -221,16 +181,16 @@ def cost(found: Any) -> str:
     return grid(header, lines)
 
 
-def paper_section(found: Any, first: int, last: int) -> str:
+def paper_section(found: Reproduction, first: int, last: int) -> str:
     """Figures of the paper by number."""
     return "\n\n".join(image(f"fig{i:02}") for i in range(first, last + 1))
 
 
-def markdown(found: Any, command: str) -> str:
+def markdown(found: Reproduction, command: str) -> str:
     """`report.md`."""
     config, sweep = found.config, found.network
     default = next(r for r in sweep if r["b1"] == 1.0 and not r["known_slopes"])
-    k2 = float(np.asarray(config.controller.k2))
+    k2 = float(np.asarray(found.law.k2))
     without = sweep[-1]
     change = max(abs(default[f"rmse_{c}"] / without[f"rmse_{c}"] - 1) for c in CHANNELS)
     return f"""# Does the paper hold? Its tables and figures, rebuilt
@@ -301,8 +261,8 @@ Which law is better at equal command effort is answered by `agvjax compare`, not
 
 ### (c) The compensator (23) changes no command
 
-Largest derivative of a command in xi1 along the run: {found.lyapunov["sensitivity"]:g}; largest |xi2|:
-{found.lyapunov["xi2"]:g}.
+Largest derivative of a command in xi1 along the run: {found.lyapunov.sensitivity:g}; largest |xi2|:
+{found.lyapunov.xi2:g}.
 
 ### (d) The printed ultimate bound says nothing
 

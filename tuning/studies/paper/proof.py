@@ -8,13 +8,16 @@ printed bounds (50), (54), (72) is in `bounds.py`.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+import agvjax
+from agvjax import Real
 from agvjax._pytree import pytree
+from agvjax.controllers.backstepping import BacksteppingState
 from agvjax.engine.loop import as_vector
 from agvjax.geometry import wrap
 from agvjax.leaves import cast
@@ -51,14 +54,20 @@ class Signals:
 
 
 @jax.jit
-def signals(controller: Any, scenario: Any, trajectory: Any) -> Signals:
+def papers_deadzones(scenario: agvjax.Scenario) -> dict[str, agvjax.Deadzone]:
+    """The deadzones of a scenario; the proof speaks of no other element in their place."""
+    return {name: part for name, part in scenario.deadzone.items() if isinstance(part, agvjax.Deadzone)}
+
+
+def signals(controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario, trajectory: agvjax.Trajectory) -> Signals:
     """The signals of eqs. (21)-(60) along a trajectory, recomputed from its states; works under `jax.vmap`.
 
     d and delta are taken together as what is delivered beyond Pi times the command, from eq. (6).
     """
     controller, scenario = cast((controller, scenario), trajectory.t.dtype)
+    deadzones = papers_deadzones(scenario)
 
-    def one(r: Any) -> Signals:
+    def one(r: agvjax.Trajectory) -> Signals:
         ref, s = reference(scenario.path, scenario.heading, r.t), r.controller
         state = DecoupledState(position=r.position, velocity=r.velocity, heading=r.heading)
         seen = Measurement(position=r.position, velocity=r.velocity, heading=r.heading, yaw_rate=jnp.zeros_like(r.t))
@@ -68,8 +77,8 @@ def signals(controller: Any, scenario: Any, trajectory: Any) -> Signals:
         law = controller.law(s, (), seen, ref)[1]
         Z1 = r.position - ref.position
         Z3 = r.heading - ref.heading
-        slope = scenario.deadzone["position"].slope(r.command[:2])
-        slope_psi = scenario.deadzone["heading"].slope(r.command[2])
+        slope = deadzones["position"].slope(r.command[:2])
+        slope_psi = deadzones["heading"].slope(r.command[2])
         share, share_psi = controller.shares(seen)
         return Signals(
             t=r.t,
@@ -141,7 +150,13 @@ def _ultimate(rate: Array, drive: Array) -> Array:
     return jnp.where(rate > 0, jnp.sqrt(2 * drive / jnp.where(rate > 0, rate, 1.0)), jnp.inf)
 
 
-def constants(controller: Any, scenario: Any, trajectory: Any, since: Any = 0.0, ridge: Any = RIDGE) -> Constants:
+def constants(
+    controller: agvjax.NeuroBackstepping,
+    scenario: agvjax.Scenario,
+    trajectory: agvjax.Trajectory,
+    since: Real = 0.0,
+    ridge: Real = RIDGE,
+) -> Constants:
     """a1..a6 of eqs. (48), (52), (70); works under `jax.vmap`.
 
     The "ideal" weights W, (N, 2) for the position, are those that minimise mean |f - W'S|^2 + `ridge` |W|^2 over the
@@ -151,11 +166,18 @@ def constants(controller: Any, scenario: Any, trajectory: Any, since: Any = 0.0,
     in their derivatives. It still takes Pi_hat = Pi for granted, for (42), and Pi for constant.
     """
     s = signals(controller, scenario, trajectory)
-    return _constants(controller, scenario.deadzone, trajectory.controller, s, since, ridge)
+    return _constants(controller, papers_deadzones(scenario), trajectory.controller, s, since, ridge)
 
 
 @jax.jit
-def _constants(k: Any, deadzone: Any, law: Any, s: Signals, since: Any, ridge: Any) -> Constants:
+def _constants(
+    k: agvjax.NeuroBackstepping,
+    deadzone: dict[str, agvjax.Deadzone],
+    law: BacksteppingState,
+    s: Signals,
+    since: Real,
+    ridge: Real,
+) -> Constants:
     late = s.t >= since
 
     def supremum(x: Array) -> Array:
@@ -195,15 +217,15 @@ def _constants(k: Any, deadzone: Any, law: Any, s: Signals, since: Any, ridge: A
     )
 
 
-def slope_range(deadzone: Any) -> tuple[Array, Array]:
+def slope_range(deadzone: agvjax.Deadzone) -> tuple[Array, Array]:
     """The smallest and the largest true slope, eq. (15)."""
     right, left = deadzone.slope_right, deadzone.slope_left
     return jnp.minimum(right, left), jnp.maximum(right, left)
 
 
-def margins(controller: Any, scenario: Any) -> dict[str, float]:
+def margins(controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> dict[str, float]:
     """What must be positive for (48), (52) and (70) to bound anything, by name."""
-    low, low_psi = (float(slope_range(scenario.deadzone[name])[0]) for name in ("position", "heading"))
+    low, low_psi = (float(slope_range(papers_deadzones(scenario)[name])[0]) for name in ("position", "heading"))
     k1, k2, k3 = (float(x) for x in (controller.k1, controller.k2, controller.k3))
     found = {"k1 - 1": k1 - 1, "k2 - 1/2": k2 - 0.5}
     found |= {"Pi_min k2 - 1/2": low * k2 - 0.5, "Pi_psi_min k3 - 1/2": low_psi * k3 - 0.5}
@@ -220,7 +242,9 @@ class Functions:
     L4: Float[Array, " N+1"]  # eq. (58)
 
 
-def functions(controller: Any, scenario: Any, trajectory: Any, found: Constants) -> Functions:
+def functions(
+    controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario, trajectory: agvjax.Trajectory, found: Constants
+) -> Functions:
     """Eqs. (26), (34), (51), (58), with phi and phi_psi from `constants`; works under `jax.vmap`.
 
     Pi is the true slope that each command's sign selects, and jumps with it (reading R14). L2 has one phi for two axes:
@@ -239,7 +263,7 @@ def functions(controller: Any, scenario: Any, trajectory: Any, found: Constants)
     )
 
 
-def exponential_bound(t: Any, start: Any, rate: Any, drive: Any) -> Any:
+def exponential_bound(t: Array | np.ndarray, start: Array | np.ndarray, rate: Real, drive: Real) -> Array:
     """Eqs. (49), (53), (71): drive/rate + (start - drive/rate) exp(-rate t), what L' <= -rate L + drive allows.
 
     `t` [s] from the start, any shape; `start` is L there; (rate, drive) is (a1, a2), (a3, a4) or (a5, a6). It makes no
@@ -249,11 +273,13 @@ def exponential_bound(t: Any, start: Any, rate: Any, drive: Any) -> Any:
 
 
 @jax.jit
-def compensation(controller: Any, scenario: Any, trajectory: Any) -> tuple[Array, Array]:
+def compensation(
+    controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario, trajectory: agvjax.Trajectory
+) -> tuple[Array, Array]:
     """What eq. (23) does to the commands: max |d command / d xi1| and max |xi2| along a run, both exactly 0."""
     controller, scenario = cast((controller, scenario), trajectory.t.dtype)
 
-    def sensitivity(t: Array, position: Array, velocity: Array, heading: Array, s: Any) -> Array:
+    def sensitivity(t: Array, position: Array, velocity: Array, heading: Array, s: BacksteppingState) -> Array:
         seen = Measurement(position=position, velocity=velocity, heading=heading, yaw_rate=jnp.zeros_like(t))
         ref = reference(scenario.path, scenario.heading, t)
 

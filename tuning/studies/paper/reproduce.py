@@ -5,33 +5,31 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 import agvjax
 from agvjax.leaves import cast
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
-from ...io import files
-from ...io.pages import html
-from . import bounds, cases, facts, figures, page, tables
+from . import bounds, cases, facts, figures, tables
 from . import proof as lyapunov
+from .bounds import Proof
+from .cases import Run
 
 SAMPLED = 64  # scenarios on which bounds are compared with what is observed
 EXTRAS = ("super_twisting", "fractional", "event", "no_network", "no_integral", "no_filter", "known_slopes")
 
 
 class Reproduction:
-    """Everything that was computed, by what it is about; `page` turns it into a report."""
+    """Everything that was computed, by what it is about."""
 
     def __init__(self, config: Config, progress: Callable[[str], None]):
-        self.config, self.timing = config, config.timing()
-        self.groups = cases.groups(config.controller, config.scenario)
-        self.judged: dict[str, Any] = {}
+        self.config, self.law, self.timing = config, cases.papers_law(config), config.timing()
+        self.groups = cases.groups(self.law, config.scenario)
+        self.judged: dict[str, Run] = {}
         jobs: list[tuple[str, Callable[[], Any]]] = [
             (name, functools.partial(self._roll, name)) for name in sorted(self.groups, key=_longest_first)
         ]
@@ -43,13 +41,13 @@ class Reproduction:
                 else:
                     self.bounds = found
                 progress(name)
-        if not self.bounds or not self.judged["proposed"][0].ok:
+        if not self.bounds or not self.judged["proposed"].trajectory.ok:
             raise RuntimeError("the proposed law diverges with these settings: there is nothing to compare with")
-        self.trajectories = {name: run[0] for name, run in self.judged.items()}
+        self.trajectories = {name: run.trajectory for name, run in self.judged.items()}
         self.tables = {name: tables.table(self.judged, printed) for name, printed in tables.PRINTED.items()}
         self.extras = tables.table(self.judged, {}, EXTRAS)
         self.readings = {"default": self.judged["proposed"], "R1 literal": self.judged["R1 literal"]}
-        self.readings |= {name: self.judged[name] for name in cases.readings(config.controller, config.scenario)}
+        self.readings |= {name: self.judged[name] for name in cases.readings(self.law, config.scenario)}
         self.lyapunov = self._functions()
         progress("Lyapunov functions")
         self.network = facts.network(self.judged, self.groups)
@@ -57,19 +55,19 @@ class Reproduction:
         self.updates = facts.updates(self.trajectories["event"])
         self.zeno = facts.zeno(self.groups["event"]["event"], self.timing)
         progress("intervals of the event trigger")
-        weights = {"1": config.controller}
+        weights = {"1": self.law}
         weights |= {str(n): self.groups[f"weights_{n}"][f"weights_{n}"].controller for n in (5, 50)}
         self.cost = facts.cost(weights, config.scenario, self.timing)  # alone, or it would measure the others
         progress("cost of a step")
 
-    def _roll(self, name: str) -> dict[str, Any]:
+    def _roll(self, name: str) -> dict[str, Run]:
         finer = cases.FINER.get(name, 1)
         dt, n_steps = self.timing.dt / finer, self.timing.n_steps * finer
         return cases.roll(self.groups[name], {**self.timing, "dt": dt, "n_steps": n_steps, "save_every": finer})
 
     def _bounds(self) -> list[bounds.Report]:
         """Bounds and observed errors on scenarios of the tuning ensemble, the proposed law."""
-        config, law = self.config, agvjax.check(self.config.controller)
+        config, law = self.config, agvjax.check(self.law)
         batch = sample(config.scenario, config.ensemble.draws, SAMPLED, config.seed)
         stepped = {**self.timing, "save_every": 10 if self.timing["n_steps"] % 10 == 0 else 1}
         roll = jax.jit(jax.vmap(functools.partial(agvjax.simulate, **stepped), in_axes=(None, batch.axes)))
@@ -80,19 +78,16 @@ class Reproduction:
             if bool(trajectories.ok[i])
         ]
 
-    def _functions(self) -> dict[str, Any]:
-        law, scenario = agvjax.check(self.config.controller), self.config.scenario
+    def _functions(self) -> Proof:
+        law, scenario = agvjax.check(self.law), self.config.scenario
         trajectory = jax.tree.map(jax.numpy.asarray, self.trajectories["proposed"])
         found = lyapunov.constants(law, scenario, trajectory)
         sensitivity, xi2 = lyapunov.compensation(law, scenario, trajectory)
-        return {
-            "constants": found,
-            "functions": lyapunov.functions(law, scenario, trajectory, found),
-            "report": bounds.report(law, scenario, trajectory),
-            "margins": lyapunov.margins(law, scenario),
-            "sensitivity": float(sensitivity),
-            "xi2": float(xi2),
-        }
+        functions, report = (
+            lyapunov.functions(law, scenario, trajectory, found),
+            bounds.report(law, scenario, trajectory),
+        )
+        return Proof(found, functions, report, lyapunov.margins(law, scenario), float(sensitivity), float(xi2))
 
 
 def _longest_first(name: str) -> tuple[int, str]:
@@ -100,39 +95,9 @@ def _longest_first(name: str) -> tuple[int, str]:
     return (order.index(name) if name in order else len(order), name)
 
 
-def write(found: Reproduction, out: Path, command: str, pdf: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Tables, figures and pages into a folder; returns `tables.json`'s content."""
-    drawn = figures.paper({name: found.trajectories[name] for name in (*figures.ACTUATED, *figures.UNPREPARED)})
-    drawn |= {
-        "b1": figures.b1(found.network, float(np.asarray(found.config.controller.k2))),
-        "bandwidth": figures.bandwidth(found.judged),
-        "readings": figures.readings({name: run[0] for name, run in found.readings.items()}),
-        "lyapunov": figures.lyapunov(found.trajectories["proposed"], found.lyapunov),
-        "vacuity": figures.vacuity(found.bounds),
-        "event": figures.event(found.trajectories["event"], found.trajectories["proposed"]),
-        "fractional": figures.fractional(found.judged),
-    }
-    for name, figure in drawn.items():
-        figures.caption(name, figure, command)
-        files.write_figure(out / f"{name}.png", figure)
-        if pdf:
-            files.write_figure(out / f"{name}.pdf", figure)
-        progress(f"{name}.png")
-    content = {name: tables.plain(made) for name, made in found.tables.items()} | page.data(found)
-    for name, made in (*found.tables.items(), ("extras", found.extras)):
-        files.write(out / f"{name}.md", tables.markdown(made) + "\n\n" + tables.reasons(made) + "\n")
-        files.write_csv(out / f"{name}.csv", tables.COLUMNS, tables.rows(made))
-    files.write_json(out / "tables.json", content)
-    text = page.markdown(found, command)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Does the paper hold?"))
-    progress("report")
-    return content
-
-
 def steps(config: Config) -> int:
-    """How often `Reproduction` and `write` report progress."""
-    groups = len(cases.groups(config.controller, config.scenario))
+    """How often `Reproduction` and `report.write` report progress."""
+    groups = len(cases.groups(cases.papers_law(config), config.scenario))
     return groups + 4 + (len(figures.CAPTIONS) - 1) + 1
 
 
@@ -142,8 +107,9 @@ def faults(config: Config) -> list[agvjax.Fault]:
     if config.simulate.horizon <= bounds.LATE:
         rule = f"more than {bounds.LATE:g} s, from when on bounds are compared with errors"
         found.append(agvjax.Fault("simulate.horizon", config.simulate.horizon, rule))
-    if not found and any(
-        isinstance(b, agvjax.readings.KnownSlopes) for b in (config.controller.Pi_hat, config.controller.Pi_psi_hat)
+    law = config.controller
+    if isinstance(law, agvjax.NeuroBackstepping) and any(
+        isinstance(belief, agvjax.readings.KnownSlopes) for belief in (law.Pi_hat, law.Pi_psi_hat)
     ):
         rule = "a number: the law with known slopes is one of the ablations"
         found.append(agvjax.Fault("controller.Pi_hat, controller.Pi_psi_hat", "KnownSlopes", rule))

@@ -9,7 +9,8 @@ import numpy as np
 
 import agvjax
 
-from .cases import LABELS
+from ...io.files import Json
+from .cases import LABELS, Judged
 from .published import CHANNELS, TABLE1, TABLE2, Printed
 
 SAME = 0.05  # a figure counts as reproduced within this share of the printed one, which has two digits
@@ -34,7 +35,7 @@ class Cell(NamedTuple):
 Table = dict[str, dict[str, dict[str, Cell]]]  # controller -> channel -> metric -> cell
 
 
-def table(runs: Mapping[str, Any], printed: Mapping[str, Printed], names: tuple[str, ...] = ()) -> Table:
+def table(runs: Judged, printed: Mapping[str, Printed], names: tuple[str, ...] = ()) -> Table:
     """A table of the paper, or of `names` that it does not have, from rolled-out cases."""
     made: Table = {}
     for name in names or printed:
@@ -47,7 +48,7 @@ def table(runs: Mapping[str, Any], printed: Mapping[str, Printed], names: tuple[
     return made
 
 
-def _ours(trajectory: Any, metrics: Mapping[str, Any], i: int) -> dict[str, Cell]:
+def _ours(trajectory: agvjax.Trajectory, metrics: Mapping[str, Any], i: int) -> dict[str, Cell]:
     first = metrics["0.05"]
     values = {
         "settling_time": first.settling_time[i],
@@ -63,17 +64,17 @@ def _ours(trajectory: Any, metrics: Mapping[str, Any], i: int) -> dict[str, Cell
     return {name: Cell(float(value)) for name, value in values.items()}
 
 
-def last_outside(trajectory: Any, band: float = 0.05) -> np.ndarray:
+def last_outside(trajectory: agvjax.Trajectory, band: float = 0.05) -> np.ndarray:
     """Last time outside the band [s], (3,), settled or not."""
     outside = np.abs(np.asarray(agvjax.tracking_error(trajectory))) > band
     return np.max(np.where(outside, np.asarray(trajectory.t)[:, None], 0.0), axis=0)
 
 
-def _value(runs: Mapping[str, Any], name: str, i: int, metric: str) -> float:
-    return float(getattr(runs[name][1]["0.05"], metric)[i])
+def _value(runs: Judged, name: str, i: int, metric: str) -> float:
+    return float(getattr(runs[name].judged, metric)[i])
 
 
-def _judged(runs: Mapping[str, Any], printed: Mapping[str, Printed], name: str, i: int, metric: str) -> Cell:
+def _judged(runs: Judged, printed: Mapping[str, Printed], name: str, i: int, metric: str) -> Cell:
     ours, paper = _value(runs, name, i, metric), float(getattr(printed[name], metric)[i])
     wrong = []
     for other in printed:
@@ -105,7 +106,7 @@ def _order(a: float, b: float) -> int:
     return 0 if abs(a - b) <= APART * max(a, b) else (1 if a > b else -1)
 
 
-def horizon(trajectory: Any, i: int, rmse: float) -> float:
+def horizon(trajectory: agvjax.Trajectory, i: int, rmse: float) -> float:
     """The longest horizon [s] over which the RMSE of channel i is still as large as the given one; NaN if none is."""
     t, e2 = np.asarray(trajectory.t), np.asarray(agvjax.tracking_error(trajectory))[:, i] ** 2
     integral = np.cumsum((e2[1:] + e2[:-1]) / 2 * np.diff(t))
@@ -113,7 +114,7 @@ def horizon(trajectory: Any, i: int, rmse: float) -> float:
     return float(t[1:][enough][-1]) if enough.any() else float("nan")
 
 
-def horizon_of(trajectory: Any, i: int, rmse: float) -> str:
+def horizon_of(trajectory: agvjax.Trajectory, i: int, rmse: float) -> str:
     """The same in words."""
     found = horizon(trajectory, i, rmse)
     return (
@@ -172,7 +173,7 @@ def counts(made: Table) -> dict[str, dict[str, int]]:
     return found
 
 
-def pairs(runs: Mapping[str, Any], printed: Mapping[str, Printed]) -> dict[str, tuple[int, int]]:
+def pairs(runs: Judged, printed: Mapping[str, Printed]) -> dict[str, tuple[int, int]]:
     """By metric: of the comparisons of two controllers in a channel that the print decides, how many go as printed."""
     found = {}
     names = list(printed)
@@ -189,7 +190,7 @@ def pairs(runs: Mapping[str, Any], printed: Mapping[str, Printed]) -> dict[str, 
     return found
 
 
-def plain(made: Table) -> dict[str, Any]:
+def plain(made: Table) -> Json:
     """For `tables.json`: controller -> channel -> metric -> ours, paper, verdict, why."""
 
     def said(value: float | None, metric: str) -> Any:

@@ -37,7 +37,7 @@ class Drive(NamedTuple):
 
 
 def drive(
-    world: Any, law: agvjax.Sampled, scenario: Any, horizon: float, watch: Callable[[], Any] | None = None
+    world: Any, law: agvjax.Sampled, scenario: agvjax.Scenario, horizon: float, watch: Callable[[], Any] | None = None
 ) -> Drive | tuple[Drive, list[Any]]:
     """Let the law drive a world along the scenario's path, from its start, through its sensor and its actuators.
 
@@ -64,7 +64,7 @@ def drive(
     return (driven, seen) if watch else driven
 
 
-def _first(law: Any, scenario: Any, measurement: Any) -> Any:
+def _first(law: agvjax.Sampled, scenario: agvjax.Scenario, measurement: agvjax.Measurement) -> Any:
     ref, sensor = reference(scenario.path, scenario.heading, jnp.zeros(())), loop.sensor(scenario)
     sensed = sensor.hold(measurement)
     computed = law.hold(sensor(sensed, measurement), ref)
@@ -74,19 +74,19 @@ def _first(law: Any, scenario: Any, measurement: Any) -> Any:
 
 
 @jax.jit
-def _period(law: Any, scenario: Any, carry: Any, true: Any, t: Any) -> tuple[Any, Any]:
+def _period(law: agvjax.Sampled, scenario: agvjax.Scenario, carry: Any, true: Any, t: Any) -> tuple[Any, Any]:
     """What happens at one instant: sensor, law, actuators."""
     computed, sensed, memories = carry
-    ref, sensor = reference(scenario.path, scenario.heading, t), loop.sensor(scenario)
-    sensed = sensor.jump(sensed, true, law.period)
-    computed = law.jump((), computed, sensor(sensed, true), ref, law.period)
+    ref, sensor, h = reference(scenario.path, scenario.heading, t), loop.sensor(scenario), jnp.asarray(law.period)
+    sensed = sensor.jump(sensed, true, h)
+    computed = law.jump((), computed, sensor(sensed, true), ref, h)
     inputs, delivered, later, limited = computed.command.inputs, [], {}, [computed.limited]
     for name in scenario.plant.actuators:
         part, u = loop.actuator(scenario, name), inputs[name]
         flow = part.init(u)
         if jax.tree.leaves(flow):
             raise ValueError(f"{name}: an actuator with a continuous state cannot be driven from outside")
-        later[name] = part.jump(flow, memories[name], u, law.period)
+        later[name] = part.jump(flow, memories[name], u, h)
         delivered.append(part.deliver(flow, later[name], u)[0])
         limited.append(part.limited(flow, later[name], u))
     asked = jnp.stack([inputs[name] for name in scenario.plant.actuators])

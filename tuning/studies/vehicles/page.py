@@ -13,6 +13,7 @@ from agvjax.draw import animate, plot
 
 from ... import config as configuration
 from ...io import files
+from ...io.files import Json
 from ...io.pages import grid, html
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
 
@@ -38,7 +39,7 @@ def write(study: Study, out: Path) -> str:
     return "\n\n".join([_limited(study), _car(study), *([_robot(study)] if study.robot else []), *study.without])
 
 
-def findings(study: Study) -> dict[str, Any]:
+def findings(study: Study) -> Json:
     """The numbers, for scripts."""
     return {
         "paper": {name: told._asdict() for name, told in study.paper.items()},

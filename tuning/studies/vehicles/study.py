@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import agvjax
 from agvjax import NeuroBackstepping, NoAntiWindup, Sampled, Scenario, Start, Unicycle
 
 from ...config.settings import Config
 from ...ensemble.draws import Between, sample
+from ...io.files import Json
 from ...tune.problem import pose
 from ...tune.rounds import solve
 from .drive import Drive, drive
@@ -44,13 +46,13 @@ class Study(NamedTuple):
     limited: dict[str, Told]
     unseen: Told  # the worst of the validation starts in each
     car: dict[str, dict[str, float]]
-    robot: list[dict[str, Any]]
-    tuned: dict[str, tuple[Any, Any]]  # controllers before and after
-    runs: dict[str, Any]  # for the figures
+    robot: list[Json]
+    tuned: dict[str, tuple[agvjax.Law, agvjax.Law]]  # controllers before and after
+    runs: Json  # for the figures
     without: list[str]  # what could not be run, and why
 
 
-def told(t: Any, error: Any, ok: bool = True, late: float = LATE) -> Told:
+def told(t: np.ndarray | Array, error: np.ndarray | Array, ok: bool = True, late: float = LATE) -> Told:
     """What is said of a distance over time."""
     t, error = np.asarray(t), np.asarray(error)
     outside = t[error > BAND]
@@ -60,30 +62,30 @@ def told(t: Any, error: Any, ok: bool = True, late: float = LATE) -> Told:
     return Told(bool(ok), rmse, settling, float(error[t >= late].max()))
 
 
-def distance(run: Any) -> np.ndarray:
+def distance(run: agvjax.Trajectory) -> np.ndarray:
     """Of the reference point to where it should be [m]."""
     return np.linalg.norm(np.asarray(run.position) - np.asarray(run.reference_position), axis=-1)
 
 
-def of_run(run: Any) -> Told:
+def of_run(run: agvjax.Trajectory) -> Told:
     """What is said of a trajectory."""
     return told(run.t, distance(run), bool(run.ok))
 
 
-def tuned(config: Config) -> Any:
+def tuned(config: Config) -> Any:  # a sampled law, as the presets have it
     """The gains that the configured problem ends with; the search for the worst case is left to `agvjax tune`."""
     brief = dataclasses.replace(config.tune.search, rounds=0, starts=1, iterations=1, scouts=1, checks=0)
     brief = dataclasses.replace(config, tune=dataclasses.replace(config.tune, search=brief))
     return solve(pose(brief)).controller
 
 
-def delayed(scenario: Any, time: float) -> Any:
+def delayed(scenario: agvjax.Scenario, time: float) -> agvjax.Scenario:
     """The scenario with every actuator that much late and nothing else in its way."""
     chain = agvjax.Chain(delay=agvjax.Delay(time=time))
     return dataclasses.replace(scenario, actuators=dict.fromkeys(scenario.plant.actuators, chain))
 
 
-def paper_gains(seed: int) -> dict[str, Any]:
+def paper_gains(seed: int) -> Json:
     """The paper's gains on the unicycle: continuous, sampled, by Euler, with delay; and from how many starts."""
     plain, law = Scenario.of(Unicycle()), Sampled(vehicle=Unicycle())
     late = delayed(plain, 0.02)
@@ -107,7 +109,7 @@ def paper_gains(seed: int) -> dict[str, Any]:
     }
 
 
-def limited(config: Config) -> dict[str, Any]:
+def limited(config: Config) -> Json:
     """The unicycle with limits and delay: gains set by hand, tuned, and tuned but without anti-windup."""
     after = tuned(config)
     laws = {
@@ -127,7 +129,9 @@ def limited(config: Config) -> dict[str, Any]:
     return {"limited": found, "unseen": worst, "tuned": (config.controller, after), "runs": runs}
 
 
-def _many(law: Any, batch: Any, dt: float, horizon: float) -> tuple[Any, Any, Any, Any]:
+def _many(
+    law: agvjax.Law, batch: agvjax.Batch, dt: float, horizon: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, agvjax.Trajectory]:
     """Instants, distances (B, N), which are sound, and the trajectories, of a batch."""
     every = max(1, round(0.02 / dt))
     steps = round(horizon / dt) // every * every
@@ -138,11 +142,11 @@ def _many(law: Any, batch: Any, dt: float, horizon: float) -> tuple[Any, Any, An
     return runs.t[0], distance(runs), runs.ok, runs
 
 
-def car(config: Config) -> dict[str, Any]:
+def car(config: Config) -> Json:
     """Two laps from starts it was not tuned on, in our model and, nominal, in CommonRoad's own."""
     after = tuned(config)
     unseen = sample(config.scenario, config.ensemble.draws, CAR_STARTS, config.seed + 1)
-    horizon = LAPS * 2 * np.pi / float(config.scenario.path.omega)
+    horizon = LAPS * 2 * np.pi / float(agvjax.leaves(config.scenario)["path.omega"])
     rows, drawn = {}, {}
     for name, law in (("by hand", config.controller), ("tuned", after)):
         t, errors, ok, runs = _many(law, unseen, config.simulate.dt, horizon)
@@ -164,12 +168,12 @@ def _one(driven: Drive) -> Any:
     return Drive(*(np.asarray(x)[None] for x in driven))
 
 
-def _car_row(config: Config, t: Any, errors: Any, runs: Any, ok: bool) -> dict[str, float]:
-    plant, late = config.scenario.plant, np.asarray(t) >= CAR_LATE
+def _car_row(config: Config, t: np.ndarray, errors: np.ndarray, runs: agvjax.Trajectory, ok: bool) -> dict[str, float]:
+    numbers, late = agvjax.leaves(config.scenario), np.asarray(t) >= CAR_LATE
     delivered = np.abs(np.asarray(runs.delivered)).max(axis=(0, 1))
     row = {"ok": ok, "late": float(errors[:, late].max()), "acceleration": delivered[0], "steering_rate": delivered[1]}
     row["limited"] = float(np.asarray(runs.limited).mean(axis=1).max())
-    for name, behind in (("center of gravity", float(plant.lf)), ("rear axle", float(plant.L))):
+    for name, behind in (("center of gravity", float(numbers["plant.lf"])), ("rear axle", float(numbers["plant.L"]))):
         psi = np.asarray(runs.heading)[0][late]
         place = np.asarray(runs.position)[0][late] - behind * np.stack([np.cos(psi), np.sin(psi)], axis=1)
         row[name] = float(_off_path(config.scenario.path, place).max())
@@ -183,7 +187,7 @@ def _off_path(path: Any, places: np.ndarray) -> np.ndarray:
     return np.array([np.min(np.hypot(*(curve - place).T)) for place in places[::5]])
 
 
-def unseen_paths() -> dict[str, Any]:
+def unseen_paths() -> Json:
     """Paths that the robot is not tuned on: a circle, a lemniscate, and a closed spline through eight points."""
     corners = np.array([[0, 0], [1.2, -0.2], [2.0, 0.5], [1.5, 1.4], [0.6, 1.0], [-0.4, 1.6], [-1.2, 1.0], [-0.9, 0.2]])
     return {
@@ -193,7 +197,7 @@ def unseen_paths() -> dict[str, Any]:
     }
 
 
-def robot(config: Config) -> dict[str, Any]:
+def robot(config: Config) -> Json:
     """Tuned on our plant, driven in MuJoCo: the paper's law as it is, its gains in the same structure, tuned gains."""
     after = tuned(config)
     laws = {
@@ -203,7 +207,7 @@ def robot(config: Config) -> dict[str, Any]:
     }
     rows, drawn, without = [], {}, []
     try:
-        world = RobotWorld(float(config.scenario.plant.L))
+        world = RobotWorld(float(agvjax.leaves(config.scenario)["plant.L"]))
     except ImportError as error:
         return {"robot": rows, "tuned": (config.controller, after), "runs": drawn, "without": [str(error)]}
     for path_name, path in unseen_paths().items():
@@ -232,7 +236,7 @@ def _robot_row(noisy: Drive, clean: Drive) -> dict[str, float]:
 
 def study(configs: Mapping[str, Config], tick: Callable[[str], None]) -> Study:
     """All of it; `tick(name)` as each part is done."""
-    parts: dict[str, dict[str, Any]] = {}
+    parts: dict[str, Json] = {}
     for name, make in (
         ("paper", lambda: paper_gains(configs["unicycle"].seed)),
         ("unicycle", lambda: limited(configs["unicycle"])),

@@ -1,0 +1,80 @@
+"""What the reproduction leaves in its folder: tables, figures, `tables.json`, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import agvjax
+
+from ...io import files
+from ...io.files import Json
+from ...io.pages import html
+from . import cases, figures, tables
+from .page import markdown, sampled_bounds
+from .reproduce import Reproduction
+
+
+def write(found: Reproduction, out: Path, command: str, progress: Callable[[str], None]) -> Json:
+    """Tables, figures and pages into a folder; returns `tables.json`'s content."""
+    drawn = figures.paper({name: found.trajectories[name] for name in (*figures.ACTUATED, *figures.UNPREPARED)})
+    drawn |= {
+        "b1": figures.b1(found.network, float(np.asarray(found.law.k2))),
+        "bandwidth": figures.bandwidth(found.judged),
+        "readings": figures.readings({name: run.trajectory for name, run in found.readings.items()}),
+        "lyapunov": figures.lyapunov(found.trajectories["proposed"], found.lyapunov),
+        "vacuity": figures.vacuity(found.bounds),
+        "event": figures.event(found.trajectories["event"], found.trajectories["proposed"]),
+        "fractional": figures.fractional(found.judged),
+    }
+    for name, figure in drawn.items():
+        figures.caption(name, figure, command)
+        files.write_figure(out / f"{name}.png", figure)
+        progress(f"{name}.png")
+    content = {name: tables.plain(made) for name, made in found.tables.items()} | data(found)
+    for name, made in (*found.tables.items(), ("extras", found.extras)):
+        files.write(out / f"{name}.md", tables.markdown(made) + "\n\n" + tables.reasons(made) + "\n")
+        files.write_csv(out / f"{name}.csv", tables.COLUMNS, tables.rows(made))
+    files.write_json(out / "tables.json", content)
+    text = markdown(found, command)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "Does the paper hold?"))
+    progress("report")
+    return content
+
+
+def data(found: Reproduction) -> Json:
+    """What `tables.json` holds besides the paper's own tables."""
+    nominal = found.lyapunov.report
+    return {
+        "extras": tables.plain(found.extras),
+        "readings": {name: _metrics(run.judged) for name, run in found.readings.items()},
+        "table1_cost": found.cost,
+        "facts": {
+            "a_network": found.network,
+            "b_bandwidth": found.bandwidth,
+            "c_compensator": {
+                "largest_sensitivity": found.lyapunov.sensitivity,
+                "largest_xi2": found.lyapunov.xi2,
+            },
+            "d_bounds": sampled_bounds(found),
+        },
+        "lyapunov": {
+            "constants": {k: float(v) for k, v in vars(found.lyapunov.constants).items()},
+            "margins": found.lyapunov.margins,
+            "nominal": {k: np.asarray(getattr(nominal, k)).tolist() for k in ("observed", "printed", "corrected")},
+        },
+        "event": found.updates | {"zeno": found.zeno},
+        "fractional": {f"{lam:g}": _metrics(found.judged[f"lam={lam:g}"].judged) for lam in cases.ORDERS},
+    }
+
+
+def _metrics(metrics: agvjax.Metrics) -> Json:
+    names = ("settling_time", "rmse", "rmse_late", "rms_command", "peak_command", "chatter")
+    said = {
+        name: [tables.number(v, name) if np.isinf(v) else v for v in np.asarray(getattr(metrics, name)).tolist()]
+        for name in names
+    }
+    return said | {"ok": bool(metrics.ok)}
