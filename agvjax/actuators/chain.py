@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from ..protocols import Element, Reach
 
@@ -94,7 +94,7 @@ def _flatten(chain: Chain) -> tuple[tuple[Element, ...], tuple[str, ...]]:
     return tuple(chain.values()), tuple(chain)
 
 
-def _flatten_with_keys(chain: Chain) -> tuple[tuple[tuple[jax.tree_util.DictKey, Element], ...], tuple[str, ...]]:
+def _flatten_with_keys(chain: Chain) -> tuple[tuple[tuple[PyTree, Element], ...], tuple[str, ...]]:
     return tuple((jax.tree_util.DictKey(name), part) for name, part in chain.items()), tuple(chain)
 
 

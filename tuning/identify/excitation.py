@@ -133,9 +133,10 @@ def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple
     needed = scenario.plant.needs(agvjax.Motion(v, w, a, alpha))
     columns = []
     for name, limit in zip(scenario.plant.actuators, room.limits, strict=True):
-        dead, d = scenario.deadzone[name], np.asarray(needed[name], float)
-        right = d / float(dead.slope_right) + float(dead.threshold_right)
-        left = d / float(dead.slope_left) - float(dead.threshold_left)
+        dead = agvjax.leaves(scenario.deadzone[name])
+        d = np.asarray(needed[name], float)
+        right = d / float(dead["slope_right"]) + float(dead["threshold_right"])
+        left = d / float(dead["slope_left"]) - float(dead["threshold_left"])
         columns.append(np.clip(np.where(d > 0, right, left), -limit, limit))
     return t, np.column_stack(columns)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,9 @@ class Log(NamedTuple):
 def commands_of(plant: agvjax.Plant) -> tuple[str, ...]:
     """The columns of a plant's inputs: the names of its actuators, two for one that takes a vector."""
     state = plant.start(agvjax.Start())
-    zeros = {name: np.zeros(()) for name in plant.actuators} | ({"position": np.zeros(2)} if plant.feedthrough else {})
+    zeros: dict[str, Any] = {name: np.zeros(()) for name in plant.actuators} | (
+        {"position": np.zeros(2)} if plant.feedthrough else {}
+    )
     seen = plant.output(state, zeros)
     asked = plant.allocate(agvjax.Command(position=np.zeros(2), heading=np.zeros(())), seen)  # pyright: ignore
     names = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -92,7 +92,7 @@ class Model(NamedTuple):
             carry, seen = jax.lax.scan(substep, carry, jnp.arange(self.substeps).astype(s.dtype))
             return carry, seen[0]
 
-        rows = (stretch.t, stretch.h, stretch.inputs, stretch.live)
+        rows: Any = (stretch.t, stretch.h, stretch.inputs, stretch.live)
         return jax.lax.scan(row, (unflatten(s), flows, memories), rows)[1]
 
     def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
@@ -131,7 +131,8 @@ def compiled(model: Model) -> Says:
         taken = _solve(J[:, size:], both)
         left = both - J[:, size:] @ taken  # what the state cannot take up
         H = left.T @ left
-        return Sums(H[:size, :size], H[:size, size], H[size, size], s - taken[:, size], plain)
+        parts: Any = (H[:size, :size], H[:size, size], H[size, size], s - taken[:, size], plain)
+        return Sums(*parts)
 
     chunk = jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
 

@@ -112,7 +112,8 @@ def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
 
 def _told(config: Config) -> bool:
     """Whether the plant says what a motion needs."""
-    return bool(config.scenario.plant.needs(agvjax.Motion(*np.zeros((4, 1)))))
+    zero = np.zeros(1)
+    return bool(config.scenario.plant.needs(agvjax.Motion(zero, zero, zero, zero)))
 
 
 def _limits(config: Config) -> tuple[float, ...]:

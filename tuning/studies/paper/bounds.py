@@ -150,8 +150,8 @@ def peak_gains(A: np.ndarray, b: np.ndarray, C: np.ndarray) -> tuple[np.ndarray,
     K = np.zeros((*A.shape[:-2], n + 1, n + 1))
     K[..., :n, :n], K[..., :n, n:] = A, b
     x, E = np.broadcast_to(np.eye(n + 1)[:, n:], (*A.shape[:-2], n + 1, 1)), _exponential(K * step)
-    total: Real = 0.0
-    F: Real = 0.0
+    total: Any = 0.0
+    F: Any = 0.0
     while reached < end:  # an octave: so many steps, each next one twice as long
         points, power = x, E
         for _ in range(doublings):

@@ -263,7 +263,7 @@ def functions(
     )
 
 
-def exponential_bound(t: Array | np.ndarray, start: Array | np.ndarray, rate: Real, drive: Real) -> Array:
+def exponential_bound(t: Array | np.ndarray, start: Array | np.ndarray, rate: Real, drive: Real) -> Array | np.ndarray:
     """Eqs. (49), (53), (71): drive/rate + (start - drive/rate) exp(-rate t), what L' <= -rate L + drive allows.
 
     `t` [s] from the start, any shape; `start` is L there; (rate, drive) is (a1, a2), (a3, a4) or (a5, a6). It makes no

@@ -14,6 +14,7 @@ from commands import arguments, run
 from tuning import Objective, within
 from tuning.cli import main as cli
 from tuning.io.pages import html
+from tuning.studies.laws import page
 from tuning.studies.laws import study as compare
 from tuning.studies.paper import cases, facts, published, tables
 
@@ -53,7 +54,7 @@ def judged(**by_name):
     """Runs of a constant error of .02, with metrics given as (settling, rmse) of every channel."""
     run = trajectory(np.full((101, 3), 0.02))
     return {
-        name: (run, {band: metrics((settling,) * 3, (rmse,) * 3) for band in cases.BANDS})
+        name: cases.Run(run, {band: metrics((settling,) * 3, (rmse,) * 3) for band in cases.BANDS})
         for name, (settling, rmse) in by_name.items()
     }
 
@@ -165,14 +166,14 @@ def compared(**mean):
 def test_statements_are_what_the_rows_say():
     objective = Objective(limits=within(dict.fromkeys(compare.BUDGET, 1.0)))
     stand_in = types.SimpleNamespace(objective=objective, budget=2 * np.ones((3, 1 + len(compare.BUDGET))))
-    rows = compare.rows(stand_in, compared(proposed=0.10, osfc=0.08, dfc=0.2, fractional=0.1005))
+    rows = page.rows(stand_in, compared(proposed=0.10, osfc=0.08, dfc=0.2, fractional=0.1005))
     assert [row["law"] for row in rows] == ["osfc", "proposed", "fractional", "dfc"]
     np.testing.assert_allclose([row["use_mean"] for row in rows], 0.5)
-    better, worse, alike, diverged = compare.statements(rows)
+    better, worse, alike, diverged = page.statements(rows)
     assert better.endswith("better in mean RMSE: OSFC.") and worse.endswith("worse in mean RMSE: DFC.")
     assert alike.endswith("fractional integral.")
     assert diverged.endswith("none.")
-    assert "| OSFC | 0.0800 | **0.800** |" in compare.markdown(rows)
+    assert "| OSFC | 0.0800 | **0.800** |" in page.markdown(rows)
 
 
 def test_every_law_has_starts_inside_the_step_of_tuning():
