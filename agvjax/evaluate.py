@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import PyTree
 
-from ._pytree import pytree, structure
+from ._pytree import Real, pytree, structure
 from .engine.rollout import Rollout
 from .integrate import RK4, Integrator
 from .leaves import get, replace, swap
 from .metrics import Criteria, Metrics
+from .protocols import Law
+from .scenario import Scenario
 from .timing import DT, N_STEPS, Timing
 
 BLOCK = 128  # scenarios rolled out together: few enough for the cache of a CPU core, enough for its vector units
@@ -24,11 +27,11 @@ BLOCK = 128  # scenarios rolled out together: few enough for the cache of a CPU 
 class Batch:
     """A scenario, or a controller, of which the leaves `names` carry a leading batch axis; see `batch`."""
 
-    scenario: Any
+    scenario: PyTree  # or a law
     names: tuple[str, ...] = structure(())
 
     @property
-    def axes(self) -> Any:
+    def axes(self) -> PyTree:
         """The scenario's tree with 0 where a leaf varies and None elsewhere, for the `in_axes` of `jax.vmap`."""
         return swap(jax.tree.map(lambda _: None, self.scenario), dict.fromkeys(self.names, 0))
 
@@ -38,11 +41,11 @@ class Batch:
         return int(np.shape(get(self.scenario, self.names[0]))[0])
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, ArrayLike]:
         """The leaves that vary, by dotted name."""
         return {name: get(self.scenario, name) for name in self.names}
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: PyTree) -> PyTree:
         """The scenario of one index, or the batch of a slice or an array of indices."""
         picked = swap(self.scenario, {name: jnp.asarray(value)[index] for name, value in self.values.items()})
         return (
@@ -50,7 +53,7 @@ class Batch:
         )
 
 
-def batch(scenario: Any, values: Mapping[str, Any]) -> Batch:
+def batch(scenario: PyTree, values: Mapping[str, ArrayLike]) -> Batch:
     """Vary the named leaves of a scenario or a controller; only they get a batch axis, all else is shared.
 
     Args:
@@ -71,15 +74,15 @@ def batch(scenario: Any, values: Mapping[str, Any]) -> Batch:
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "control_every", "integrator", "dtype", "block", "devices"))
 def evaluate(  # long: half of it says what each argument is
-    controller: Any,
-    batch: Any,
+    controller: Law | Batch,
+    batch: Scenario | Batch,
     *,
-    dt: Any = DT,
+    dt: Real = DT,
     n_steps: int = N_STEPS,
     control_every: int = 1,
     criteria: Criteria | None = None,
     integrator: Integrator = RK4,
-    dtype: Any = None,
+    dtype: DTypeLike | None = None,
     block: int | None = None,
     devices: int | None = None,
 ) -> Metrics:
@@ -106,7 +109,7 @@ def evaluate(  # long: half of it says what each argument is
         ValueError: batches of different sizes, or `block` or `devices` out of range.
     """
 
-    def one(controller: Any, scenario: Any) -> Metrics:
+    def one(controller: PyTree, scenario: PyTree) -> Metrics:
         rollout = Rollout(
             controller,
             scenario,
@@ -125,7 +128,7 @@ def evaluate(  # long: half of it says what each argument is
         return one(controller, batch)
     count = sizes.pop()
 
-    def many(values: Any) -> Metrics:
+    def many(values: PyTree) -> Metrics:
         return jax.vmap(lambda law, scene: one(_filled(controller, law), _filled(batch, scene)))(*values)
 
     values = jax.tree.map(jnp.asarray, (_varied(controller), _varied(batch)))
@@ -139,11 +142,11 @@ def evaluate(  # long: half of it says what each argument is
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], metrics)
 
 
-def _varied(tree: Any) -> dict[str, Any]:
+def _varied(tree: PyTree) -> dict[str, ArrayLike]:
     return tree.values if isinstance(tree, Batch) else {}
 
 
-def _filled(tree: Any, values: Mapping[str, Any]) -> Any:
+def _filled(tree: PyTree, values: Mapping[str, ArrayLike]) -> PyTree:
     return swap(tree.scenario, values) if isinstance(tree, Batch) else tree
 
 
@@ -171,7 +174,7 @@ def _layout(scenarios: int, block: int | None, shares: int) -> tuple[int, int]:
     return shares * rows, block if rows > 1 and block else -(-each // rows)
 
 
-def _shared(function: Callable[[Any], Any], shares: int) -> Callable[[Any], Any]:
+def _shared(function: Callable[[PyTree], PyTree], shares: int) -> Callable[[PyTree], PyTree]:
     """`function` on each device's part of the leading axis; the devices of several processes tell each other."""
     if shares == 1:
         return function
@@ -179,7 +182,7 @@ def _shared(function: Callable[[Any], Any], shares: int) -> Callable[[Any], Any]
     mesh = jax.sharding.Mesh(np.array((jax.devices() if joined else jax.local_devices())[:shares]), ("scenarios",))
     split, whole = jax.sharding.PartitionSpec("scenarios"), jax.sharding.PartitionSpec()
 
-    def told(part: Any) -> Any:
+    def told(part: PyTree) -> PyTree:
         return jax.tree.map(lambda x: jax.lax.all_gather(x, "scenarios", tiled=True), function(part))
 
     if joined:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
-Derivative = Callable[[Any, Any], tuple[Any, Any]]
+Derivative = Callable[[PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
 class Integrator(NamedTuple):
@@ -21,7 +22,7 @@ class Integrator(NamedTuple):
     name: str
     order: int
     nodes: tuple[float, ...]
-    advance: Callable[[Derivative, Any, Any, Any], tuple[Any, Any]]
+    advance: Callable[[Derivative, PyTree, PyTree, PyTree], tuple[PyTree, PyTree]]
 
     def __str__(self) -> str:
         """Its name, as in TOML."""
@@ -60,22 +61,22 @@ def largest(holds: Callable[[float], bool], high: float) -> float:
     return low
 
 
-def _add(x: Any, h: Any, rate: Any) -> Any:
+def _add(x: PyTree, h: PyTree, rate: PyTree) -> PyTree:
     return jax.tree.map(lambda a, b: a + h * b, x, rate)
 
 
-def _euler(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+def _euler(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
     k1, seen = f(x, signals[0])
     return _add(x, h, k1), seen
 
 
-def _heun(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+def _heun(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
     k1, seen = f(x, signals[0])
     k2, _ = f(_add(x, h, k1), signals[1])
     return _add(x, h / 2, jax.tree.map(lambda a, b: a + b, k1, k2)), seen
 
 
-def _rk4(f: Derivative, x: Any, h: Any, signals: Any) -> tuple[Any, Any]:
+def _rk4(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
     start, middle, end = signals
     k1, seen = f(x, start)
     k2, _ = f(_add(x, h / 2, k1), middle)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 
-def cast(tree: Any, dtype: Any) -> Any:
+def cast(tree: PyTree, dtype: DTypeLike) -> PyTree:
     """The tree with its real numbers (Python and NumPy integers too) in `dtype`; keys, counts and flags as they are."""
 
-    def one(leaf: Any) -> Any:
+    def one(leaf: PyTree) -> PyTree:
         real = jnp.issubdtype(jnp.result_type(leaf), jnp.floating) or jnp.issubdtype(
             jnp.result_type(leaf), jnp.signedinteger
         )
@@ -23,14 +24,14 @@ def cast(tree: Any, dtype: Any) -> Any:
     return jax.tree.map(one, tree)
 
 
-def children(node: Any) -> dict[str, Any]:
+def children(node: PyTree) -> dict[str, PyTree]:
     """The named parts of a dataclass or a dictionary; empty for a leaf."""
     if dataclasses.is_dataclass(node):
         return {f.name: getattr(node, f.name) for f in dataclasses.fields(node) if not f.metadata.get("static")}
     return dict(node) if isinstance(node, Mapping) else {}
 
 
-def leaves(tree: Any, prefix: str = "") -> dict[str, Any]:
+def leaves(tree: PyTree, prefix: str = "") -> dict[str, PyTree]:
     """Every leaf by its dotted name."""
     named = {}
     for name, part in children(tree).items():
@@ -41,7 +42,7 @@ def leaves(tree: Any, prefix: str = "") -> dict[str, Any]:
     return named
 
 
-def replace(tree: Any, values: Mapping[str, Any]) -> Any:
+def replace(tree: PyTree, values: Mapping[str, PyTree]) -> PyTree:
     """A copy of the tree with the named leaves replaced.
 
     Raises:
@@ -55,33 +56,33 @@ def replace(tree: Any, values: Mapping[str, Any]) -> Any:
     return swap(tree, values)
 
 
-def get(tree: Any, name: str) -> Any:
+def get(tree: PyTree, name: str) -> PyTree:
     """The leaf of a dotted name."""
     for part in name.split("."):
         tree = children(tree)[part]
     return tree
 
 
-def rule_of(tree: Any, name: str) -> Any:
+def rule_of(tree: PyTree, name: str) -> PyTree:
     """The rule written beside the field of a dotted name; None where there is none."""
     return _metadata(tree, name).get("rule")
 
 
-def unit_of(tree: Any, name: str) -> str:
+def unit_of(tree: PyTree, name: str) -> str:
     """The unit written beside the field of a dotted name; empty where there is none."""
     return _metadata(tree, name).get("unit", "")
 
 
-def _metadata(tree: Any, name: str) -> Mapping[str, Any]:
+def _metadata(tree: PyTree, name: str) -> Mapping[str, PyTree]:
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
     return next((f.metadata for f in fields if f.name == last), {})
 
 
-def swap(node: Any, values: Mapping[str, Any]) -> Any:
+def swap(node: PyTree, values: Mapping[str, PyTree]) -> PyTree:
     """`replace` for names known to exist."""
-    heads: dict[str, dict[str, Any]] = {}
+    heads: dict[str, dict[str, PyTree]] = {}
     for name, value in values.items():
         head, _, tail = name.partition(".")
         heads.setdefault(head, {})[tail] = value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -85,11 +84,11 @@ class Rollout:
         path, disturbance = self.scenario.path, self.scenario.disturbance
         self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
         jumps = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
-        self.jumps: list[Callable[[Array], Any]] = list(
+        self.jumps: list[Callable[[Array], PyTree]] = list(
             filter(says, jumps)
         )  # functions that know the instant nearest to `t` at which a signal jumps
 
-    def instant(self, index: Any) -> tuple[Any, Any, Any]:
+    def instant(self, index: Array | int) -> tuple[Array, Array, Array]:
         """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
 
         Returns t [s], by how much it was moved, and how far from the jump signals are looked at, before and after it.
@@ -104,26 +103,26 @@ class Rollout:
             gap = jnp.where(near, jnp.minimum(small, self.dt / 4), gap)
         return t + moved, moved, gap
 
-    def weights(self, index: Any) -> Any:
+    def weights(self, index: Array | int) -> PyTree:
         """What the meter wants to know of an instant; time-only."""
         (_, before, _), (t, moved, _), (_, after, _) = (self.instant(index + i) for i in (-1, 0, 1))
         return self.meter.weights(t, self.dt + (moved - before), self.dt + (after - moved), self.end)
 
-    def time_only(self, t: Float[Array, ""], side: Any = 0.0) -> Any:
+    def time_only(self, t: Float[Array, ""], side: Array | float = 0.0) -> PyTree:
         """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
         shape = self.scenario.disturbance.shape(t + side)
         return reference(self.scenario.path, lambda path, time: self.heading(path, time + side), t), shape
 
-    def signals(self, t: Float[Array, ""], row: Any) -> loop.Signals:
+    def signals(self, t: Float[Array, ""], row: PyTree) -> loop.Signals:
         """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
         ref, shape = row
         return loop.Signals(time=t, reference=ref, disturbance=self.scenario.disturbance.scale(shape))
 
-    def table(self, first: Any, steps: int) -> Any:
+    def table(self, first: Array, steps: int) -> PyTree:
         """Time-only signals of `steps` steps from number `first`, at the nodes of the integrator."""
         return jax.vmap(self.row)(first + jnp.arange(steps))
 
-    def row(self, index: Any) -> Any:
+    def row(self, index: Array) -> PyTree:
         """Of one step: its number, length, instants of the nodes, signals there, and the meter's weights."""
         (begin, moved, past), (_, moved_next, short) = self.instant(index), self.instant(index + 1)
         h = self.dt + (moved_next - moved) if self.jumps else self.dt
@@ -142,7 +141,7 @@ class Rollout:
         sample = loop.derivative(self.controller, self.scenario, flow, memory, signals)[1]
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.start(sample))
 
-    def control(self, carry: Carry, index: Any, h: Any, signals: loop.Signals) -> loop.Memory:
+    def control(self, carry: Carry, index: Array, h: Array, signals: loop.Signals) -> loop.Memory:
         """The memory in force at this step: that of the law renewed where it is a control instant."""
         memory = carry.memory
         if jax.tree.leaves((memory.controller, memory.sensor)):
@@ -151,7 +150,7 @@ class Rollout:
             memory = loop.advance(self.controller, self.scenario, carry.flow, memory, signals, h)
         return memory
 
-    def _looked(self, carry: Carry, index: Any, signals: loop.Signals) -> loop.Memory:
+    def _looked(self, carry: Carry, index: Array, signals: loop.Signals) -> loop.Memory:
         def renew() -> loop.Memory:
             h = self.dt * jnp.asarray(self.every).astype(self.dtype)
             return loop.jump(self.controller, self.scenario, carry.flow, carry.memory, signals, h)
@@ -160,7 +159,7 @@ class Rollout:
             return renew()
         return jax.lax.cond(index % self.every == 0, renew, lambda: carry.memory)
 
-    def step(self, carry: Carry, row: Any) -> tuple[Carry, loop.Sample]:
+    def step(self, carry: Carry, row: PyTree) -> tuple[Carry, loop.Sample]:
         """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
         index, h, t, table, weights = row
         nodes = range(len(self.integrator.nodes))
@@ -177,10 +176,10 @@ class Rollout:
         )
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 
-    def run(self, save_every: int | None) -> tuple[Carry, Any, loop.Sample]:
+    def run(self, save_every: int | None) -> tuple[Carry, PyTree, loop.Sample]:
         """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
 
-        def steps(carry: Carry, rows: Any) -> Carry:
+        def steps(carry: Carry, rows: PyTree) -> Carry:
             if sum(x.size for x in jax.tree.leaves(carry)) > MOST_SCALARS:
                 return jax.lax.scan(lambda c, row: (self.step(c, row)[0], None), carry, rows)[0]
             step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
@@ -189,11 +188,11 @@ class Rollout:
             now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
             return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
 
-        def save(carry: Carry, rows: Any) -> tuple[Carry, loop.Sample]:
+        def save(carry: Carry, rows: PyTree) -> tuple[Carry, loop.Sample]:
             after, sample = self.step(carry, _first(rows))
             return after if save_every == 1 else steps(carry, rows), sample
 
-        def chunk(carry: Carry, first: Any, count: int) -> tuple[Carry, Any]:
+        def chunk(carry: Carry, first: Array, count: int) -> tuple[Carry, PyTree]:
             rows = self.table(first, count)
             if save_every is None:
                 return steps(carry, rows), None
@@ -207,7 +206,7 @@ class Rollout:
         if whole:
             several, inner = _groups(whole) if save_every is None else (1, whole)
 
-            def group(carry: Carry, first: Any) -> tuple[Carry, Any]:
+            def group(carry: Carry, first: Array | int) -> tuple[Carry, PyTree]:
                 return jax.lax.scan(lambda c, k: chunk(c, k, size), carry, first + size * jnp.arange(inner))
 
             if several == 1:
@@ -245,5 +244,5 @@ def _groups(chunks: int) -> tuple[int, int]:
     return (1, chunks) if chunks < 64 or inner < 5 else (chunks // inner, inner)
 
 
-def _first(rows: Any) -> Any:
+def _first(rows: PyTree) -> PyTree:
     return jax.tree.map(lambda x: x[0], rows)

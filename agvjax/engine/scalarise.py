@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend import core
+from jaxtyping import PyTree
 
 from .elementary import exp_p
 
@@ -29,7 +29,7 @@ MOST_SCALARS = 128  # in the state of a loop; with more (many adapted weights) c
 Numbers = np.ndarray  # of dtype object: one scalar tracer in each place
 
 
-def split(x: Any) -> Numbers:
+def split(x: PyTree) -> Numbers:
     """An array as an object array of its scalars."""
     shape = np.shape(x)
     out = np.empty(shape, object)
@@ -38,12 +38,12 @@ def split(x: Any) -> Numbers:
     return out
 
 
-def join(x: Numbers) -> Any:
+def join(x: Numbers) -> PyTree:
     """The array again."""
     return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
 
 
-def _token(x: Any) -> Any:
+def _token(x: PyTree) -> PyTree:
     """Equal for equal numbers; a tracer, which `Once` keeps alive, is equal to itself alone."""
     return (np.dtype(x.dtype).str, x.tobytes()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
 
@@ -52,9 +52,11 @@ class Once:
     """Scalar operations, each bound once: a law asked twice at one instant costs no second trace."""
 
     def __init__(self) -> None:
-        self.known: dict[Any, tuple[Any, Any]] = {}
+        self.known: dict[PyTree, tuple[PyTree, PyTree]] = {}
 
-    def bind(self, primitive: Any, params: dict[str, Any], inputs: tuple[Any, ...], function: Any = None) -> Any:
+    def bind(
+        self, primitive: core.Primitive, params: dict[str, PyTree], inputs: tuple[PyTree, ...], function: PyTree = None
+    ) -> PyTree:
         """The primitive, or the `function` that stands for it, on these numbers."""
         function = functools.partial(primitive.bind, **params) if function is None else function
         try:
@@ -67,7 +69,7 @@ class Once:
         return self.known[key][0]
 
 
-def _each(function: Callable[..., Any], inputs: Sequence[Numbers]) -> Numbers:
+def _each(function: Callable[..., PyTree], inputs: Sequence[Numbers]) -> Numbers:
     arrays = np.broadcast_arrays(*inputs)
     out = np.empty(arrays[0].shape, object)
     for i in np.ndindex(out.shape):
@@ -75,7 +77,7 @@ def _each(function: Callable[..., Any], inputs: Sequence[Numbers]) -> Numbers:
     return out
 
 
-def _reduce(primitive: Any, x: Numbers, axes: tuple[int, ...], once: Once) -> Numbers:
+def _reduce(primitive: core.Primitive, x: Numbers, axes: tuple[int, ...], once: Once) -> Numbers:
     kept = [i for i in range(x.ndim) if i not in axes]
     x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
     out = np.empty(x.shape[:-1], object)
@@ -87,14 +89,14 @@ def _reduce(primitive: Any, x: Numbers, axes: tuple[int, ...], once: Once) -> Nu
     return out
 
 
-def _broadcast(x: Numbers, *, shape: Any, broadcast_dimensions: Any, **_: Any) -> Numbers:
+def _broadcast(x: Numbers, *, shape: PyTree, broadcast_dimensions: PyTree, **_: PyTree) -> Numbers:
     into = [1] * len(shape)
     for axis, size in zip(broadcast_dimensions, x.shape, strict=True):
         into[axis] = size
     return np.broadcast_to(x.reshape(into), shape)
 
 
-def _slice(x: Numbers, *, start_indices: Any, limit_indices: Any, strides: Any, **_: Any) -> Numbers:
+def _slice(x: Numbers, *, start_indices: PyTree, limit_indices: PyTree, strides: PyTree, **_: PyTree) -> Numbers:
     strides = strides or (1,) * x.ndim
     return x[tuple(slice(*s) for s in zip(start_indices, limit_indices, strides, strict=True))]
 
@@ -112,10 +114,10 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 }
 
 
-def _extreme(primitive: Any, beyond: Any) -> Callable[..., Any]:
+def _extreme(primitive: core.Primitive, beyond: PyTree) -> Callable[..., PyTree]:
     """Max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
 
-    def bind(once: Once, x: Any, y: Any) -> Any:
+    def bind(once: Once, x: PyTree, y: PyTree) -> PyTree:
         if isinstance(x, np.ndarray):
             x, y = y, x
         if isinstance(x, np.ndarray) or not isinstance(y, np.ndarray) or np.isnan(y):
@@ -125,7 +127,7 @@ def _extreme(primitive: Any, beyond: Any) -> Callable[..., Any]:
     return bind
 
 
-CHEAPER: dict[str, Callable[..., Any]] = {
+CHEAPER: dict[str, Callable[..., PyTree]] = {
     "exp": lambda once, x: once.bind(exp_p, {}, (x,)),
     "max": _extreme(lax.max_p, lax.gt_p),
     "min": _extreme(lax.min_p, lax.lt_p),
@@ -134,7 +136,7 @@ REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": la
 REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}
 
 
-def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list[Numbers]:
+def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Numbers], once: Once) -> list[Numbers]:
     name, params = equation.primitive.name, equation.params
     if name in CHEAPER:
         return [_each(functools.partial(CHEAPER[name], once), inputs)]
@@ -152,13 +154,14 @@ def _apply(equation: Any, jaxpr: Any, inputs: list[Numbers], once: Once) -> list
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 
-def _cond(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
+def _cond(equation: core.JaxprEqn, inputs: list[Numbers]) -> list[Numbers]:
     """A branch, its numbers kept apart: stacked for it they would have to be taken apart again."""
     index, *operands = inputs
-    shapes, avals = [x.shape for x in operands], [v.aval for v in equation.outvars]
+    avals: list[PyTree] = [v.aval for v in equation.outvars]
+    shapes = [x.shape for x in operands]
 
-    def scalar(branch: Any) -> Callable[..., list[Any]]:
-        def run(*numbers: Any) -> list[Any]:
+    def scalar(branch: core.ClosedJaxpr) -> Callable[..., list[PyTree]]:
+        def run(*numbers: PyTree) -> list[PyTree]:
             out = _interpret(branch.jaxpr, [split(c) for c in branch.consts], _regroup(numbers, shapes), Once())
             each = [(v, aval.dtype) for x, aval in zip(out, avals, strict=True) for v in x.ravel()]
             return [jnp.asarray(v, dtype) if isinstance(v, np.generic | np.ndarray) else v for v, dtype in each]
@@ -170,7 +173,7 @@ def _cond(equation: Any, inputs: list[Numbers]) -> list[Numbers]:
     return _regroup(out, [aval.shape for aval in avals])
 
 
-def _regroup(numbers: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> list[Numbers]:
+def _regroup(numbers: Sequence[PyTree], shapes: Sequence[tuple[int, ...]]) -> list[Numbers]:
     """Scalars in a row as arrays of these shapes."""
     arrays, at = [], 0
     for shape in shapes:
@@ -183,18 +186,23 @@ def _regroup(numbers: Sequence[Any], shapes: Sequence[tuple[int, ...]]) -> list[
     return arrays
 
 
-def _whole(equation: Any, jaxpr: Any) -> Callable[..., list[Any]]:
+def _whole(equation: core.JaxprEqn, jaxpr: core.Jaxpr) -> Callable[..., list[PyTree]]:
     """Any other equation as it stands, on whole arrays: run from a jaxpr of its own it keeps custom derivatives."""
-    inputs = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
-    names = {"constvars": [], "invars": inputs, "outvars": equation.outvars, "eqns": [equation.replace(invars=inputs)]}
+    inputs: PyTree = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
+    names: dict[str, PyTree] = {
+        "constvars": [],
+        "invars": inputs,
+        "outvars": equation.outvars,
+        "eqns": [equation.replace(invars=inputs)],
+    }
     alone = jaxpr.replace(**names, effects=equation.effects)
     return core.jaxpr_as_fun(core.ClosedJaxpr(alone, []))
 
 
-def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers], once: Once) -> list[Numbers]:
+def _interpret(jaxpr: core.Jaxpr, consts: Sequence[Numbers], inputs: Sequence[Numbers], once: Once) -> list[Numbers]:
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *inputs], strict=True))
 
-    def read(atom: Any) -> Numbers:
+    def read(atom: core.Var | core.Literal) -> Numbers:
         return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
 
     for equation in jaxpr.eqns:
@@ -202,7 +210,7 @@ def _interpret(jaxpr: Any, consts: Sequence[Numbers], inputs: Sequence[Numbers],
     return [read(v) for v in jaxpr.outvars]
 
 
-def _used(jaxpr: Any) -> list[Any]:
+def _used(jaxpr: core.Jaxpr) -> list[PyTree]:
     """The equations that something comes of."""
     wanted, used = {v for v in jaxpr.outvars if not isinstance(v, core.Literal)}, []
     for equation in reversed(jaxpr.eqns):
@@ -212,7 +220,7 @@ def _used(jaxpr: Any) -> list[Any]:
     return used[::-1]
 
 
-def _constants(equation: Any, jaxpr: Any, inputs: tuple[Any, ...], once: Once) -> list[Any]:
+def _constants(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: tuple[PyTree, ...], once: Once) -> list[PyTree]:
     """An equation on constants; once, or the loop would carry two numbers, and then all that follows from them."""
     name = equation.primitive.name
     if name in STRUCTURAL and not any(isinstance(x, jax.Array) for x in inputs):
@@ -222,7 +230,7 @@ def _constants(equation: Any, jaxpr: Any, inputs: tuple[Any, ...], once: Once) -
     return [outputs] if simple else outputs
 
 
-def _hoist(closed: Any) -> tuple[Any, list[Numbers]]:
+def _hoist(closed: core.ClosedJaxpr) -> tuple[PyTree, list[Numbers]]:
     """What depends on constants alone, computed here and once: a jaxpr without it, and its longer list of constants."""
     jaxpr, known, rest, once = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), [], Once()
     for equation in _used(jaxpr):
@@ -237,12 +245,14 @@ def _hoist(closed: Any) -> tuple[Any, list[Numbers]]:
     return jaxpr.replace(constvars=kept, eqns=rest), [numbers[id(known[v])] for v in kept]
 
 
-def split_tree(tree: Any) -> Any:
+def split_tree(tree: PyTree) -> PyTree:
     """A tree of arrays as a tree of lists of scalars."""
     return jax.tree.map(lambda x: list(split(x).ravel()), tree)
 
 
-def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[..., Any], Callable[[Any], Any]]:
+def scalarise(
+    function: Callable[..., PyTree], *example: PyTree
+) -> tuple[Callable[..., PyTree], Callable[[PyTree], PyTree]]:
     """`function` on trees of arrays, rewritten for trees of scalars as `split_tree` makes them.
 
     Args:
@@ -257,11 +267,11 @@ def scalarise(function: Callable[..., Any], *example: Any) -> tuple[Callable[...
     places = [np.shape(x) for x in jax.tree.leaves(example)]
     treedef = jax.tree.structure(shapes)
 
-    def rewritten(*numbers: Any) -> Any:
+    def rewritten(*numbers: PyTree) -> PyTree:
         out = _interpret(jaxpr, consts, _regroup(jax.tree.leaves(numbers), places), Once())
         return jax.tree.unflatten(treedef, [list(x.ravel()) for x in out])
 
-    def pack(numbers: Any) -> Any:
+    def pack(numbers: PyTree) -> PyTree:
         flat, leaves = jax.tree.leaves(numbers), []
         for leaf in jax.tree.leaves(shapes):
             n = int(np.prod(leaf.shape))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 import agvjax
 from agvjax.leaves import get
@@ -47,7 +47,7 @@ class Box(NamedTuple):
     moves: np.ndarray  # (D,), False where only some values are allowed
 
     @classmethod
-    def of(cls, scenario: Any, draws: Mapping[str, Draw]) -> Box:
+    def of(cls, scenario: PyTree, draws: Mapping[str, Draw]) -> Box:
         """The box of an ensemble's draws."""
         names = tuple(sorted(draws))
         nominal = [np.asarray(get(scenario, name), float) for name in names]
@@ -58,7 +58,7 @@ class Box(NamedTuple):
             names, tuple(x.shape for x in nominal), low, high, _mix(names, nominal, draws), np.concatenate(moves)
         )
 
-    def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Any]:
+    def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Array]:
         """Leaves of B scenarios."""
         low, high = (jnp.asarray(x, shares.dtype)[None] for x in (self.low, self.high))
         plain = np.array_equal(self.mix, np.eye(len(self.mix)))
@@ -69,7 +69,7 @@ class Box(NamedTuple):
         parts = jnp.split(flat, cuts, axis=1)
         return {n: x.reshape(-1, *shape) for n, x, shape in zip(self.names, parts, self.shapes, strict=True)}
 
-    def shares(self, leaves: Mapping[str, Any]) -> np.ndarray:
+    def shares(self, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """Where scenarios lie in the box, (B, D)."""
         size = len(next(iter(leaves.values())))
         flat = np.concatenate([np.asarray(leaves[name], float).reshape(size, -1) for name in self.names], axis=1)
@@ -93,9 +93,9 @@ def _mix(names: Sequence[str], nominal: Sequence[np.ndarray], draws: Mapping[str
 class Adversary:
     """Looks for the scenario that some gains handle worst, one search per metric and start."""
 
-    rollout: Callable[[Any, Any], tuple[Any, Any]]  # (z, leaves of B scenarios) -> metrics (M, B), ok (B,)
+    rollout: Callable[..., tuple[Array, Array]]  # (z, leaves of B scenarios) -> metrics (M, B), ok (B,)
     names: tuple[str, ...]  # of the M metrics
-    scenario: Any  # the nominal one
+    scenario: PyTree  # the nominal one
     draws: Mapping[str, Draw]
     metrics: tuple[str, ...]
     seed: int = 0
@@ -103,21 +103,21 @@ class Adversary:
     starts: int = 7  # ascents for each metric
     iterations: int = 8
     checks: int = 10_000  # samples that the final statement rests on besides
-    compiled: tuple[Callable[..., Any], Callable[..., Any]] | None = None  # `climb` and `look`, compiled before
+    compiled: tuple[Callable[..., PyTree], Callable[..., PyTree]] | None = None  # `climb` and `look`, compiled before
 
     @functools.cached_property
     def box(self) -> Box:
         """Where to look."""
         return Box.of(self.scenario, self.draws)
 
-    def values(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any]:
+    def values(self, z: PyTree, shares: Float[Array, "B D"]) -> tuple[Array, Array]:
         """Metrics of scenarios (M, B), and which runs did not diverge."""
         return self.rollout(z, self.box.leaves(shares))
 
-    def climb(self, z: Any, shares: Float[Array, "B D"]) -> tuple[Any, Any, Any]:
+    def climb(self, z: PyTree, shares: Float[Array, "B D"]) -> tuple[Array, Array, Array]:
         """Values, ok and slopes (D, M, B) along every side of the box."""
 
-        def along(side: Any) -> Any:
+        def along(side: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
             change = jnp.broadcast_to(side, shares.shape)
             return jax.jvp(lambda s: self.values(z, s), (shares,), (change,))
 
@@ -126,13 +126,13 @@ class Adversary:
         )
         return values, ok, jnp.where(ok, slopes, 0.0)
 
-    def look(self, z: Any, leaves: Any) -> Any:
+    def look(self, z: PyTree, leaves: Mapping[str, Array]) -> Array:
         """Values (M, B), those of diverged runs infinite."""
         values, ok = self.rollout(z, leaves)
         return jnp.where(ok, values, jnp.inf)
 
     @functools.cached_property
-    def functions(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    def functions(self) -> tuple[Callable[..., PyTree], Callable[..., PyTree]]:
         """`climb` and `look`, jitted."""
         return self.compiled or (gathered(jax.jit(self.climb)), gathered(jax.jit(self.look)))
 
@@ -140,13 +140,13 @@ class Adversary:
         """Arguments of the right shapes, after z, for `climb` and for `look`."""
         return np.zeros((len(self.metrics) * self.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
 
-    def _values(self, z: Any, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
+    def _values(self, z: PyTree, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """`look` at any number of scenarios, a chunk at a time."""
         count, look = len(next(iter(leaves.values()))), self.functions[1]
         rows = [np.minimum(np.arange(i, i + CHUNK), count - 1) for i in range(0, count, CHUNK)]  # the last repeats one
         return np.concatenate([np.asarray(look(z, {n: x[r] for n, x in leaves.items()})) for r in rows], 1)[:, :count]
 
-    def search(self, z: Any, round_: int = 0) -> list[Found]:
+    def search(self, z: PyTree, round_: int = 0) -> list[Found]:
         """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
         rows = [self.names.index(metric) for metric in self.metrics]
         scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
@@ -172,11 +172,11 @@ class Adversary:
             found.append(Found(metric, value, scenario, self.starts, self.scouts + self.checks, self.scouts + ascent))
         return found
 
-    def _sampled(self, part: int, size: int) -> dict[str, Any]:
+    def _sampled(self, part: int, size: int) -> dict[str, np.ndarray]:
         drawn = sample(self.scenario, self.draws, size, self.seed, part)
         return {name: np.asarray(value) for name, value in drawn.values.items()}
 
-    def _ascend(self, z: Any, u: Any, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _ascend(self, z: PyTree, u: Array, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Shares (B, D) and value (B,) of the worst on the way of every ascent.
 
         Each side has a step of its own that grows while its slope keeps its sign (Rprop): corners and folds alike are
@@ -185,8 +185,9 @@ class Adversary:
         method = optax.rprop(FIRST, min_step_size=LEAST, max_step_size=MOST)
         lanes = np.arange(len(row))
 
-        def step(u: Any, state: Any, slope: Any) -> tuple[Any, Any]:
+        def step(u: Array, state: PyTree, slope: Array) -> tuple[Array, PyTree]:
             with jax.numpy_dtype_promotion("standard"):
+                change: PyTree
                 change, state = method.update(-slope, state)
                 return jnp.clip(u + change, 0.0, 1.0), state
 
@@ -223,7 +224,7 @@ def statement(found: Sequence[Found]) -> list[str]:
     ]
 
 
-def batch_of(batch: agvjax.Batch, added: Mapping[str, Any], slots: int) -> agvjax.Batch:
+def batch_of(batch: agvjax.Batch, added: Mapping[str, np.ndarray], slots: int) -> agvjax.Batch:
     """The ensemble with scenarios added, and up to `slots` places filled with copies of its first."""
     count = len(next(iter(added.values()))) if added else 0
     values = {}

@@ -6,16 +6,18 @@ import hashlib
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 import agvjax
-from agvjax import Fault, InputError
+from agvjax import Fault, InputError, Sampled
 from agvjax.leaves import leaves, rule_of, unit_of
 
 from .. import config as configuration
 from ..config.settings import Config
+from ..io.files import Json
 
 UNSTATED = "not stated: no config.toml beside the gains"
 
@@ -24,7 +26,7 @@ class Artefact(NamedTuple):
     """A controller and its provenance, which every form of export carries."""
 
     controller: agvjax.Sampled  # in float64
-    provenance: dict[str, Any]  # plain, for JSON
+    provenance: Json  # plain, for JSON
 
 
 def read(
@@ -59,7 +61,7 @@ def read(
     return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known)))
 
 
-def _provenance(config: Config, controller: Any, source: str, stated: str, known: bool) -> dict[str, Any]:
+def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:
     return {
         "generator": f"agvjax {agvjax.__version__}",
         "source": source,
@@ -73,7 +75,7 @@ def _provenance(config: Config, controller: Any, source: str, stated: str, known
     }
 
 
-def _gain(controller: Any, name: str, value: Any) -> dict[str, Any]:
+def _gain(controller: Sampled, name: str, value: PyTree) -> Json:
     rule = rule_of(controller, name)
     low, high = (-np.inf, np.inf) if rule is None else (rule.low, rule.high)
     return {
@@ -85,14 +87,14 @@ def _gain(controller: Any, name: str, value: Any) -> dict[str, Any]:
     }
 
 
-def _uncertainty(config: Config) -> dict[str, Any]:
+def _uncertainty(config: Config) -> Json:
     """The ensemble's draws and what of the scenario they vary, as they stand in TOML."""
     table = tomllib.loads(configuration.dump(config))
     scenario = {name: table["scenario"][name] for name in ("plant", "deadzone", "actuators", "disturbance")}
     return {"nominal": scenario, "ensemble": table["ensemble"]}
 
 
-def finite(value: Any) -> Any:
+def finite(value: PyTree) -> PyTree:
     """Plain data without infinities and NaN, which JSON and Python literals cannot say."""
     if isinstance(value, dict):
         return {key: finite(x) for key, x in value.items()}

@@ -6,9 +6,9 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from agvjax import Fault, InputError
 
@@ -196,7 +196,7 @@ void {name}_step({given}
 """
 
 
-def _initial(value: Any, name: str) -> str:
+def _initial(value: PyTree, name: str) -> str:
     """A number, or an array in braces."""
     if isinstance(value, list):
         return "{" + ", ".join(_initial(x, name) for x in value) + "}"

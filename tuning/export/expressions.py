@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from ..io.files import Json
 from .program import Operand, Operation
 
 INFIX = {"add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/"}
@@ -65,17 +66,17 @@ def _power(x: str, y: int, language: Language) -> str:
     return f"{language.number(1.0)} / {product if y == -1 else f'({product})'}"
 
 
-def _round(x: list[str], params: dict[str, Any], language: Language) -> str:
+def _round(x: list[str], params: Json, language: Language) -> str:
     return f"{language.call('rint' if int(params['rounding_method']) else 'round')}({x[0]})"
 
 
-def _sign(x: list[str], params: dict[str, Any], language: Language) -> str:
+def _sign(x: list[str], params: Json, language: Language) -> str:
     one, zero = language.number(1.0), language.number(0.0)
     below = language.choose(f"{x[0]} < {zero}", language.number(-1.0), x[0])
     return language.choose(f"{x[0]} > {zero}", one, f"({below})")
 
 
-SPECIAL: dict[str, Callable[[list[str], dict[str, Any], Language], str]] = {
+SPECIAL: dict[str, Callable[[list[str], Json, Language], str]] = {
     "neg": lambda x, p, o: f"-{x[0]}",
     "square": lambda x, p, o: f"{x[0]} * {x[0]}",
     "rsqrt": lambda x, p, o: f"{o.number(1.0)} / {o.call('sqrt')}({x[0]})",

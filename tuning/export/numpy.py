@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pprint
-from typing import Any
 
 import numpy as np
 
@@ -108,7 +107,7 @@ def _said(group: str, fields: tuple[Field, ...]) -> str:
     return f"    {group}: {shown}"
 
 
-def _literal(value: Any) -> str:
+def _literal(value: object) -> str:
     """A Python literal over several lines; what is not finite becomes None, as in JSON."""
     return pprint.pformat(finite(value), width=110, sort_dicts=False)
 
@@ -136,7 +135,7 @@ def _packed(fields: tuple[Field, ...]) -> str:
     return "{\n        " + ",\n        ".join(items) + ",\n    }" if items else "{}"
 
 
-def _nested(values: Any) -> str:
+def _nested(values: list[str] | str) -> str:
     return f"[{', '.join(map(_nested, values))}]" if isinstance(values, list) else values
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
+from jaxtyping import PyTree
 
 import agvjax
+from agvjax import Measurement, Sampled
 from agvjax.engine.scalarise import scalarise, split_tree
 from agvjax.messages import Reference
+
+from ..io.files import Json
 
 SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
 GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one
@@ -26,7 +30,7 @@ class Operation(NamedTuple):
     name: str
     primitive: str
     inputs: tuple[Operand, ...]
-    params: dict[str, Any]
+    params: Json
     flag: bool  # whether it is a truth value; else a real number
 
 
@@ -51,7 +55,7 @@ class Program(NamedTuple):
     results: dict[str, tuple[Field, ...]]
 
 
-def examples(controller: Any) -> tuple[Any, Any, Any]:
+def examples(controller: Sampled) -> tuple[PyTree, Measurement, Reference]:
     """State, measurement and reference of the right shapes."""
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     vehicle = controller.vehicle
@@ -62,10 +66,10 @@ def examples(controller: Any) -> tuple[Any, Any, Any]:
     return controller.inner.init(seen, reference), seen, reference
 
 
-def step(controller: Any) -> Program:
+def step(controller: Sampled) -> Program:
     """One period: the state afterwards, the inputs of the actuators, whether anything was limited."""
 
-    def one(gains: Any, state: Any, measurement: Any, reference: Any) -> Any:
+    def one(gains: PyTree, state: PyTree, measurement: Measurement, reference: Reference) -> PyTree:
         computed = gains.step(state, measurement, reference)
         return {"state": computed.law, "inputs": computed.command.inputs, "limited": {"limited": computed.limited}}
 
@@ -74,14 +78,14 @@ def step(controller: Any) -> Program:
     return _program(one, arguments)
 
 
-def start(controller: Any) -> Program:
+def start(controller: Sampled) -> Program:
     """The state of a law that starts now."""
     _, measurement, reference = examples(controller)
     arguments = {"gains": controller, "measurement": measurement, "reference": reference}
     return _program(lambda gains, seen, path: {"state": gains.inner.init(seen, path)}, arguments)
 
 
-def _program(function: Callable[..., Any], arguments: dict[str, Any]) -> Program:
+def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
     trees = tuple(jax.tree.map(jnp.asarray, tree) for tree in arguments.values())
     numbers, _ = scalarise(function, *trees)
     closed = jax.make_jaxpr(numbers)(*(split_tree(tree) for tree in trees))
@@ -96,7 +100,7 @@ def _program(function: Callable[..., Any], arguments: dict[str, Any]) -> Program
         for field in fields[group]:
             names |= {next(variables): name for name in field.variables}
     assert next(variables, None) is None
-    known: dict[Any, Operand] = dict(names)
+    known: dict[PyTree, Operand] = dict(names)
     known |= {v: _constant(c) for v, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)}
     writer = _Writer()
     outputs = iter(writer.run(closed.jaxpr, known))
@@ -111,7 +115,7 @@ def _program(function: Callable[..., Any], arguments: dict[str, Any]) -> Program
     return Program(fields, writer.used(results), results)
 
 
-def _field(group: str, path: Any, leaf: Any) -> Field:
+def _field(group: str, path: PyTree, leaf: PyTree) -> Field:
     """A leaf, its elements named after it."""
     name = ".".join(str(getattr(key, "name", getattr(key, "key", getattr(key, "idx", key)))) for key in path)
     stem, shape = f"{group[0]}_{name.replace('.', '_')}", tuple(np.shape(leaf))
@@ -119,7 +123,7 @@ def _field(group: str, path: Any, leaf: Any) -> Field:
     return Field(name, shape, tuple(places))
 
 
-def _constant(value: Any) -> Operand:
+def _constant(value: PyTree) -> Operand:
     array = np.asarray(value)
     return bool(array) if array.dtype == bool else float(array)
 
@@ -129,18 +133,18 @@ class _Writer:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self.seen: dict[Any, str] = {}
+        self.seen: dict[PyTree, str] = {}
 
-    def run(self, jaxpr: Any, known: dict[Any, Operand]) -> list[Operand]:
+    def run(self, jaxpr: core.Jaxpr, known: dict[PyTree, Operand]) -> list[Operand]:
         """All equations of a jaxpr on scalars, calls inlined; its results."""
 
-        def read(atom: Any) -> Operand:
+        def read(atom: core.Var | core.Literal) -> Operand:
             return _constant(atom.val) if isinstance(atom, core.Literal) else known[atom]
 
         for equation in jaxpr.eqns:
             name, inputs = equation.primitive.name, [read(v) for v in equation.invars]
             if name in INLINED:
-                inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+                inner: PyTree = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
                 consts = dict(zip(inner.jaxpr.constvars, map(_constant, inner.consts), strict=True))
                 outputs = self.run(inner.jaxpr, consts | dict(zip(inner.jaxpr.invars, inputs, strict=True)))
                 known |= zip(equation.outvars, outputs, strict=True)
@@ -150,15 +154,16 @@ class _Writer:
                 known[equation.outvars[0]] = self.write(equation, name, inputs)
         return [read(v) for v in jaxpr.outvars]
 
-    def write(self, equation: Any, name: str, inputs: list[Operand]) -> Operand:
+    def write(self, equation: core.JaxprEqn, name: str, inputs: list[Operand]) -> Operand:
         """One operation; what is there already is not computed again."""
-        aval = equation.outvars[0].aval
+        aval: PyTree = equation.outvars[0].aval
         if aval.shape != () or len(equation.outvars) > 1:
             raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
         flag = aval.dtype == bool
         if not flag and not jnp.issubdtype(aval.dtype, jnp.floating):
             raise ValueError(f"the law uses {name} with a result of type {aval.dtype}, where only real numbers can be")
-        if name == "convert_element_type" and flag == (equation.invars[0].aval.dtype == bool):
+        source: PyTree = equation.invars[0].aval if equation.invars else aval
+        if name == "convert_element_type" and flag == (source.dtype == bool):
             return inputs[0]
         params = {key: equation.params[key] for key in ("y", "rounding_method") if key in equation.params}
         key = name, tuple(map(repr, inputs)), tuple(map(repr, params.items()))

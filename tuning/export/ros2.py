@@ -7,14 +7,19 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
 import yaml
+from jaxtyping import PyTree
 
 import agvjax
+from agvjax import leaves
 from agvjax.leaves import get
 
+from ..io.files import Json
 from . import numpy as numpy_file
+from .artefact import Artefact
 from .ros2_node.vehicles import VEHICLES
 
 TEMPLATES = Path(__file__).with_name("ros2_node")
@@ -44,7 +49,7 @@ slip.""",
 class Dumper(yaml.SafeDumper):
     """Lists in one line, nothing abbreviated: parsers of ROS know no aliases."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: PyTree) -> bool:
         """Every one."""
         return True
 
@@ -58,11 +63,11 @@ class Own(NamedTuple):
     default: float | str | bool
     unit: str
     text: str
-    validation: dict[str, list[Any]] = {}
+    validation: dict[str, list[PyTree]] = {}
     read_only: bool = False
 
 
-def files(artefact: Any, name: str = NAME) -> dict[str, str]:
+def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     """The package by relative paths; `name` is that of package and node.
 
     Raises:
@@ -76,7 +81,7 @@ def files(artefact: Any, name: str = NAME) -> dict[str, str]:
         "NAME": name,
         "VERSION": _version(artefact),
         "PERIOD": f"{_value(artefact, 'period'):g}",
-        "L": f"{float(artefact.controller.vehicle.L):g}",
+        "L": f"{float(leaves(artefact.controller)['vehicle.L']):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
@@ -93,9 +98,14 @@ def files(artefact: Any, name: str = NAME) -> dict[str, str]:
     }
 
 
-def parameters(artefact: Any) -> dict[str, dict[str, Any]]:
+def _stable(poles: np.ndarray) -> bool:
+    """No integrator steps the exported law: a sampled law's bounds are those of its period."""
+    return True
+
+
+def parameters(artefact: Artefact) -> dict[str, Json]:
     """Every parameter of the node by its dotted name, as generate_parameter_library states one."""
-    highest = {name: float(x) for name, x in artefact.controller.upper_bounds(None).items()}
+    highest = {name: float(x) for name, x in artefact.controller.upper_bounds(_stable).items()}
     law = {f"controller.{name}": _gain(artefact, name, highest.get(name)) for name in artefact.provenance["gains"]}
     return {name: _own(own) for name, own in _node(artefact).items()} | law
 
@@ -118,7 +128,7 @@ def _filled(template: str, substitutes: dict[str, str]) -> str:
     return text
 
 
-def _inputs(artefact: Any, name: str) -> tuple[str, ...]:
+def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
     """Those of the vehicle, if a velocity can be made of them."""
     faults, inputs = [], tuple(artefact.provenance["inputs"])
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
@@ -137,7 +147,7 @@ def _inputs(artefact: Any, name: str) -> tuple[str, ...]:
     return inputs
 
 
-def _gain(artefact: Any, name: str, highest: float | None) -> dict[str, Any]:
+def _gain(artefact: Artefact, name: str, highest: float | None) -> Json:
     """A leaf of the controller; period and vehicle must not change while it runs."""
     facts = artefact.provenance["gains"][name]
     value = _value(artefact, name)
@@ -147,7 +157,7 @@ def _gain(artefact: Any, name: str, highest: float | None) -> dict[str, Any]:
     source = metadata.get(name.rpartition(".")[2], {}).get("source", "")
     words = [f"unit {facts['unit'] or '1'}", source, str(facts["rule"] or "")]
     told = f"{name} of {type(artefact.controller.inner).__name__}" if name.startswith("inner.") else name
-    table: dict[str, Any] = {
+    table: Json = {
         "type": "double_array" if isinstance(value, list) else "double",
         "default_value": value,
         "description": f"{told}: {', '.join(filter(None, words))}",
@@ -156,7 +166,7 @@ def _gain(artefact: Any, name: str, highest: float | None) -> dict[str, Any]:
     return table | ({"read_only": True} if fixed else {}) | ({"validation": rule} if rule else {})
 
 
-def _validation(facts: dict[str, Any], value: Any, highest: float | None) -> dict[str, list[Any]]:
+def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, list[PyTree]]:
     """The rule beside a leaf, and what a period can hold, unless the tuned value is beyond that already."""
     low, high = (None if end is None or not math.isfinite(end) else float(end) for end in (facts["low"], facts["high"]))
     rule = str(facts["rule"] or "")
@@ -179,7 +189,7 @@ def _validation(facts: dict[str, Any], value: Any, highest: float | None) -> dic
     return {rule: [end] for rule, end in ends.items() if end is not None}
 
 
-def _own(own: Own) -> dict[str, Any]:
+def _own(own: Own) -> Json:
     kind = {float: "double", str: "string", bool: "bool"}[type(own.default)]
     table = {
         "type": kind,
@@ -193,12 +203,12 @@ def _own(own: Own) -> dict[str, Any]:
     )
 
 
-def _node(artefact: Any) -> dict[str, Own]:
+def _node(artefact: Artefact) -> dict[str, Own]:
     """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
-    period, vehicle = _value(artefact, "period"), artefact.controller.vehicle
+    period, vehicle = _value(artefact, "period"), leaves(artefact.controller.vehicle)
     car = "steering_rate" in artefact.provenance["inputs"]
-    slow = float(vehicle.slowest) if car else 0.2  # m/s, on which the other speeds are measured
-    most = 2 * slow * math.tan(float(vehicle.limits.steering_angle)) / float(vehicle.L) if car else 1.5
+    slow = float(vehicle["slowest"]) if car else 0.2  # m/s, on which the other speeds are measured
+    most = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(vehicle["L"]) if car else 1.5
     above, least = {"gt<>": [0.0]}, {"gt_eq<>": [0.0]}
     return {
         "frame": Own(
@@ -224,19 +234,19 @@ def _node(artefact: Any) -> dict[str, Own]:
     }
 
 
-def _value(artefact: Any, name: str) -> Any:
+def _value(artefact: Artefact, name: str) -> PyTree:
     value = artefact.provenance["gains"][name]["value"]
     return [float(part) for part in value] if isinstance(value, (list, tuple)) else float(value)
 
 
-def _version(artefact: Any) -> str:
+def _version(artefact: Artefact) -> str:
     """That of the generator, as package.xml takes it: three numbers."""
     found = re.search(r"\d+\.\d+\.\d+", str(artefact.provenance["generator"]))
     return found[0] if found else "0.1.0"
 
 
-def _nested(flat: dict[str, Any]) -> dict[str, Any]:
-    tree: dict[str, Any] = {}
+def _nested(flat: Json) -> Json:
+    tree: Json = {}
     for name, value in flat.items():
         *parents, last = name.split(".")
         part = tree
@@ -246,5 +256,5 @@ def _nested(flat: dict[str, Any]) -> dict[str, Any]:
     return tree
 
 
-def _yaml(tree: dict[str, Any]) -> str:
+def _yaml(tree: Json) -> str:
     return yaml.dump(tree, Dumper=Dumper, sort_keys=False, default_flow_style=False, width=120, allow_unicode=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
+from agvjax import Measurement, Reference
+
+from ..io.files import Json
 from . import program
 from .artefact import Artefact
 
@@ -19,12 +22,12 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     """Serialised module, its text, and what its flat arguments and results are; in double precision."""
     law = artefact.controller
 
-    def step(gains: Any, state: Any, measurement: Any, reference: Any) -> Any:
+    def step(gains: PyTree, state: PyTree, measurement: Measurement, reference: Reference) -> PyTree:
         done = gains.step(state, measurement, reference)
         flat = jax.tree.leaves((done.law, done.command.inputs, done.limited))
         return tuple(flat)
 
-    def flat(*leaves: Any) -> Any:
+    def flat(*leaves: PyTree) -> PyTree:
         return step(*jax.tree.unflatten(treedef, leaves))
 
     leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
@@ -42,11 +45,11 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     }
 
 
-def signature(artefact: Artefact) -> dict[str, Any]:
+def signature(artefact: Artefact) -> Json:
     """Names, shapes and units of the module's arguments and results, in their order."""
     made, facts = program.step(artefact.controller), artefact.provenance["gains"]
 
-    def told(group: str, fields: Any) -> list[dict[str, Any]]:
+    def told(group: str, fields: PyTree) -> list[Json]:
         return [
             {
                 "group": group,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 import agvjax
+from agvjax import Measurement, Reference, Sampled
 from agvjax.paths.heading import reference
 
 from . import program
@@ -19,7 +20,7 @@ DRIVEN, ANYWHERE = 32, 32  # rows
 AHEAD, WIDE = 0.1, 1.0  # s between the rows of the drive; deviation of numbers anywhere
 
 
-def table(controller: Any, step: Program) -> tuple[list[str], np.ndarray]:
+def table(controller: Sampled, step: Program) -> tuple[list[str], np.ndarray]:
     """Names of columns, and rows: state, measurement, reference, later state, inputs, whether limited."""
     if jnp.zeros(()).dtype != jnp.float64:
         raise ValueError("vectors are made in double precision: set jax_enable_x64")
@@ -36,7 +37,7 @@ def table(controller: Any, step: Program) -> tuple[list[str], np.ndarray]:
     return [str(name) for name in (*names, "limited")], np.array(rows)
 
 
-def row(controller: Any, state: Any, measurement: Any, reference: Any) -> np.ndarray:
+def row(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> np.ndarray:
     """One row."""
     done = _step(controller, state, measurement, reference)
     parts = (state, measurement, reference, done.law, done.command.inputs, done.limited)
@@ -46,7 +47,7 @@ def row(controller: Any, state: Any, measurement: Any, reference: Any) -> np.nda
 _step = jax.jit(lambda controller, *given: controller.step(*given))
 
 
-def _driven(controller: Any) -> list[tuple[Any, Any, Any]]:
+def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
     """States on the way of a vehicle that starts beside a circle and goes straight on."""
     path, found = agvjax.Circle(radius=3.0, omega=0.3), []
     state, seen, _ = program.examples(controller)
@@ -63,7 +64,7 @@ def _driven(controller: Any) -> list[tuple[Any, Any, Any]]:
     return found
 
 
-def _anywhere(controller: Any) -> list[tuple[Any, Any, Any]]:
+def _anywhere(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
     rng = np.random.default_rng(0)
     given = program.examples(controller)
     return [jax.tree.map(lambda x: jnp.asarray(WIDE * rng.normal(size=np.shape(x))), given) for _ in range(ANYWHERE)]
