@@ -42,7 +42,7 @@ HOMES = {  # of an earlier module, what holds its names today; of a package, wha
     "tuning.first_order": ("tuning.tune.methods.optax",),
     "tuning.free": ("tuning.tune.gains",),
     "tuning.markdown": ("tuning.io.pages",),
-    "tuning.objective": ("tuning.tune.objective", "agvjax.metric_table"),
+    "tuning.objective": ("tuning.tune.methods.objective", "agvjax.metric_table"),
     "tuning.optimise": ("tuning.tune.tuner",),
     "tuning.paper": ("tuning.studies.paper",),
     "tuning.pareto": ("tuning.tune.pareto",),

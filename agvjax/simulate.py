@@ -18,6 +18,7 @@ from .timing import DT, N_STEPS, Timing
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator", "dtype"))
+# long: mostly its arguments and what they mean
 def simulate(
     controller: Law,
     scenario: Scenario,

@@ -39,6 +39,7 @@ FLOOR = {(package, name): floor for floor, (package, *names) in enumerate(FLOORS
 PACKAGES = [p for package in ("agvjax", "tuning") for p in sorted((ROOT / package).rglob("*.py"))]
 FILES = PACKAGES + sorted((ROOT / "benchmarks").rglob("*.py"))
 ASKED = {  # where what an object has is asked all the same, and why
+    "tuning/export/program.py": "keys of the paths of JAX's trees are of four kinds",
     "agvjax/decorator.py": "marks a user's class: looks for methods that a class without a base may have",
     "agvjax/draw/animate.py": "a path or an open file, as `open` and Pillow take them",
     "agvjax/engine/xla.py": "the operating system's: `os.sched_getaffinity` is Linux's alone",
@@ -63,9 +64,11 @@ def target(base, name):
 
 
 def imports(path):
-    """Our own files that a file imports, wherever in it the import stands."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Our own files that a file imports when it runs, wherever in it the import stands."""
+    found, tree = set(), ast.parse(path.read_text())
+    typed = [n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]  # never run
+    tree.body = [node for node in tree.body if node not in typed]
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {target(ROOT, alias.name) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -140,9 +143,17 @@ def test_every_room_has_a_door_of_at_most_five_names():
         assert len({name for name in names if not name.startswith("_")}) <= 5, (path, names)
 
 
+LONG = {  # files that may be longer, and why
+    "agvjax/protocols.py": "the contracts stand on one page",
+    "tuning/studies/paper/bounds.py": "one proof",
+}
+
+
 @each_file
 def test_no_file_is_long(path):
     home = path.relative_to(ROOT)
+    if home.as_posix() in LONG:
+        return
     command = home.parent.as_posix() == "tuning/cli" and home.stem in COMMANDS
     assert len(path.read_text().splitlines()) <= (120 if command else 300)
 

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from .sweep.results import load as load
     from .sweep.work import run_sweep as run_sweep
     from .tune.gains import Gains as Gains
-    from .tune.objective import Objective as Objective
-    from .tune.objective import Requirement as Requirement
-    from .tune.objective import within as within
+    from .tune.methods.objective import Objective as Objective
+    from .tune.methods.objective import Requirement as Requirement
+    from .tune.methods.objective import within as within
     from .tune.problem import pose as pose
     from .tune.rounds import Outcome as Outcome
     from .tune.rounds import solve as solve
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "ensemble.draws": ("Between", "Distribution", "OneOf", "Span", "Times", "default_draws", "sample"),
     "tune.gains": ("Gains",),
-    "tune.objective": ("Objective", "Requirement", "within"),
+    "tune.methods.objective": ("Objective", "Requirement", "within"),
     "tune.tuner": ("Progress", "Tuner"),
     "tune.problem": ("pose",),
     "config.settings": ("Bound", "Config", "Ensemble", "Limit", "Search", "Simulate", "Sweep", "Tune", "Weights"),

@@ -176,6 +176,7 @@ class Rollout:
         )
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 
+    # long: one scan in a scan: the parts share what they carry
     def run(self, save_every: int | None) -> tuple[Carry, PyTree, loop.Sample]:
         """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
 

@@ -155,7 +155,8 @@ def test_old_names_of_a_law_without_a_base_still_say_the_same():
 
 def test_a_plant_without_a_base_moves():
     body = {
-        name: getattr(agvjax.Decoupled, name) for name in ("start", "allocate", "derivative", "output", "deadzones")
+        name: getattr(agvjax.Decoupled, name)
+        for name in ("start", "allocate", "derivative", "output", "deadzones", "_coupled")
     }
     fields = {"L": float, "yaw_rate": agvjax.DeliveredYawRate, "coupling": agvjax.TurnedVelocity}
     body |= {"__annotations__": fields, "actuators": ("position", "heading"), "feedthrough": True}

@@ -24,7 +24,11 @@ def test_dotted_names_reach_every_leaf():
 
 def test_no_two_classes_have_the_same_structure():
     """Else `jit` may run on one what was compiled for the other: empty choices of a form differ in their type alone."""
-    classes = {c for c in vars(agvjax).values() if isinstance(c, type) and hasattr(c, "__dataclass_fields__")}
+    classes = {
+        c
+        for c in (*vars(agvjax).values(), *vars(agvjax.readings).values())
+        if isinstance(c, type) and hasattr(c, "__dataclass_fields__")
+    }
     empty = [c for c in classes if not jax.tree.leaves(made(c))]
     assert {KinematicYawRate, ForwardSpeed, TurnedVelocity, Bearing, Tangent} <= set(empty)
     structures = [jax.tree.structure(made(c)) for c in classes]

@@ -36,7 +36,7 @@ TYPED = {  # an old name, and where what it means lies today
     "tuning.config.resolve": "tuning.config.load.resolve",
     "tuning.classes.CLASSES": "tuning.config.names.CLASSES",
     "tuning.problem.pose": "tuning.tune.problem.pose",
-    "tuning.objective.Objective": "tuning.tune.objective.Objective",
+    "tuning.objective.Objective": "tuning.tune.methods.objective.Objective",
     "tuning.objective.METRICS": "agvjax.metric_table.METRICS",
     "tuning.optimise.Tuner": "tuning.tune.tuner.Tuner",
     "tuning.ensemble.sample": "tuning.ensemble.draws.sample",

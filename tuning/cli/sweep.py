@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import re
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -17,6 +16,7 @@ from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
 from ..sweep.rules import faults
+from .axis import axis
 from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, rank_and_count, warn
@@ -56,29 +56,8 @@ def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
     options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
     options |= {"samples": arguments.samples, "design": arguments.design}
     if arguments.over or arguments.ensemble:
-        options["over"] = [_axis(text) for text in arguments.over]
+        options["over"] = [axis(text) for text in arguments.over]
     return {f"sweep.{name}": value for name, value in options.items() if value is not None}
-
-
-def _axis(text: str) -> dict[str, Toml]:
-    """`a+b=0:1.5:101` -> an axis on which both move as one; `*=` is times nominal, without a count it is sampled."""
-    rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
-    try:
-        match = re.fullmatch(r"([^=*]+)(\*?)=(.+)", text)
-        if match is None:
-            raise ValueError
-        names, times, values = match[1].split("+"), match[2], match[3]
-        if "," in values or ":" not in values:
-            if times:
-                raise ValueError
-            span: dict[str, Toml] = {"one_of": [float(x) for x in values.split(",")]}
-        else:
-            low, high, *points = values.split(":")
-            span = {"times" if times else "between": [float(low), float(high)]}
-            span |= {"points": int(*points)} if points else {}
-    except (ValueError, TypeError) as error:
-        raise InputError([Fault("--over", text, rule)]) from error
-    return {name.strip(): span for name in names}
 
 
 def _place(arguments: argparse.Namespace) -> float:

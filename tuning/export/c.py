@@ -106,6 +106,7 @@ UNITS = {"position": "m, of the reference point", "velocity": "m/s, of the refer
 UNITS |= {"yaw_rate": "rad/s", "acceleration": "m/s^2", "heading_rate": "rad/s", "steering_angle": "rad"}
 
 
+# long: one template
 def _header(artefact: Artefact, step: Program, name: str) -> str:
     facts = artefact.provenance["gains"]
     notes = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}

@@ -32,7 +32,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
 
     leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
     shapes = [jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in leaves]
-    depth = jax.config.jax_traceback_in_locations_limit  # pyright: ignore[reportAttributeAccessIssue]
+    depth = jax.config.values["jax_traceback_in_locations_limit"]
     jax.config.update("jax_traceback_in_locations_limit", 0)  # no folders of this machine in it
     try:
         exported = jax.export.export(jax.jit(flat), platforms=PLATFORMS)(*shapes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -63,7 +64,7 @@ def _commands(task: Task, actuator: str) -> np.ndarray:
 
 
 def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return np.asarray(Deadzone(**dict(zip(PARTS, numbers, strict=True)))(u))  # pyright: ignore[reportArgumentType]
+    return np.asarray(Deadzone(**dict(zip(PARTS, numbers, strict=True)))(jnp.asarray(u)))
 
 
 def residuals(fit: Fit, verdict: FitVerdict) -> Figure:

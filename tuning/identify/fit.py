@@ -114,7 +114,7 @@ class Search:
             first,
             jac=lambda x: self.triangle(whole(x), free)[1],  # pyright: ignore[reportArgumentType]
             bounds=(low, high),
-            x_scale=np.array([q.width for q in own]),  # pyright: ignore[reportArgumentType]
+            x_scale=np.array([q.width for q in own]),
             ftol=1e-9,
             xtol=1e-9,
             gtol=1e-12,
@@ -297,6 +297,4 @@ def _sinusoid(search: Search, p: np.ndarray, wavy: np.ndarray, names: Sequence[s
     q[at], q[linear] = omega, push
     search.best = np.inf
     after, lower = search.run(q, np.ones(len(p), bool), TRIALS)
-    if cost - lower < WORTH:
-        return plain, ~wavy
-    return after, np.ones(len(p), bool)
+    return (plain, ~wavy) if cost - lower < WORTH else (after, np.ones(len(p), bool))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -45,13 +46,14 @@ def commands_of(plant: agvjax.Plant) -> tuple[str, ...]:
         {"position": np.zeros(2)} if plant.feedthrough else {}
     )
     seen = plant.output(state, zeros)
-    asked = plant.allocate(agvjax.Command(position=np.zeros(2), heading=np.zeros(())), seen)  # pyright: ignore
+    asked = plant.allocate(agvjax.Command(position=jnp.zeros(2), heading=jnp.zeros(())), seen)
     names = []
     for name in plant.actuators:
         names += [name] if np.ndim(asked[name]) == 0 else [f"{name}_x", f"{name}_y"]
     return tuple(names)
 
 
+# long: one check after the other, in the order of the file
 def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], key: str = "LOG.csv") -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
 
@@ -97,6 +99,7 @@ def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], key: str
     return log
 
 
+# long: one reading after the other
 def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Fault]:
     """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
     found: list[Fault] = []

@@ -47,7 +47,7 @@ class Model(NamedTuple):
 
     def start(self, measured: Float[Array, "5"]) -> Float[Array, " n"]:
         """The plant's state, flat, for x, y, heading, vx, vy."""
-        start = agvjax.Start(position=measured[:2], velocity=measured[3:], heading=measured[2])  # pyright: ignore
+        start = agvjax.Start(position=measured[:2], velocity=measured[3:], heading=measured[2])
         return ravel_pytree(self.scenario.plant.start(start))[0]
 
     def split(self, u: Float[Array, " m"]) -> Inputs:
@@ -63,7 +63,7 @@ class Model(NamedTuple):
         scenario = self.at(p)
         plant = scenario.plant
         zero = jnp.zeros((), s.dtype)
-        blank = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)  # pyright: ignore
+        blank = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)
         unflatten = ravel_pytree(plant.start(blank))[1]
         parts = {name: loop.actuator(scenario, name) for name in plant.actuators}
         first = self.split(stretch.inputs[0])

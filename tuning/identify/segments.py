@@ -79,6 +79,7 @@ def thinned(segments: Segments, most: int) -> Segments:
     return Segments(*(x[picked] for x in segments))
 
 
+# long: one pass over the log
 def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tuple[Segments, Counts]:
     """Those of one log."""
     channels = tuple(log.measured)

@@ -114,6 +114,7 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
     )
 
 
+# long: a bisection whose steps share all they know
 def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> Radius:
     """Bisection between the largest box that stands and the nearest failure known.
 

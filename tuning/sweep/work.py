@@ -113,6 +113,7 @@ def judges(config: Config, plan: Design, laws: Sequence[Law], size: int) -> list
     return [of(law) for law in laws]
 
 
+# long: claims, looks and claims again, in one order
 def run(
     folder: Path,
     manifest: Manifest,

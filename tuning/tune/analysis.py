@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .methods import sqp
-from .objective import Requirement
+from .methods.objective import Requirement
 from .tuner import TOLERANCE, Tuner
 
 NEAR = 2e-3  # a limit this close to its bound is active

@@ -105,6 +105,7 @@ def rounds(rows: Sequence[Round]) -> str:
     )
 
 
+# long: one template
 def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     """`report.md`."""
     problem, run, p = outcome.problem, outcome.run, outcome.progress

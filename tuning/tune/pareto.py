@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from .objective import within
+from .methods.objective import within
 from .problem import TuningProblem
 from .tuner import FEASIBLE, Progress, Tuner
 

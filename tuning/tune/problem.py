@@ -21,7 +21,7 @@ from ..config.settings import Config, Tune
 from ..ensemble.draws import sample
 from ..ensemble.worst import Adversary, batch_of
 from .gains import Gains
-from .objective import STATISTICS, Objective, Requirement
+from .methods.objective import STATISTICS, Objective, Requirement
 from .rules import faults
 from .tuner import Tuner
 

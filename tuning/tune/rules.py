@@ -13,7 +13,7 @@ from ..config import rules
 from ..config.settings import Config, Tune
 from ..ensemble.rules import beyond_rules, undrawable
 from .methods import method
-from .objective import STATISTICS
+from .methods.objective import STATISTICS
 
 LEAST_LIMIT = 1e-9
 
@@ -39,8 +39,9 @@ def _names(config: Config) -> list[agvjax.Fault]:
     if len(set(tune.gains)) < len(tune.gains):
         found.append(agvjax.Fault("tune.gains", list(tune.gains), "names that differ"))
     for name, pair in tune.bounds.items():
-        if name not in tune.gains:
-            found.append(agvjax.Fault(f"tune.bounds.{name}", list(pair), "of a tuned gain, one of tune.gains"))
+        if name not in tune.gains and name not in tune.tied:
+            rule = "of a tuned or tied gain, one of tune.gains or tune.tied"
+            found.append(agvjax.Fault(f"tune.bounds.{name}", list(pair), rule))
     found += _tied(tune, gains) + _requirements(config) + undrawable(config.scenario, config.ensemble.draws)
     if tune.search.scouts < tune.search.starts:
         rule = f"at least tune.search.starts, {tune.search.starts}"

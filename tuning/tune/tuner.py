@@ -20,7 +20,7 @@ from ..config.settings import Tune
 from .gains import Gains
 from .methods import Method, method
 from .methods.method import Look, Model, Progress, Scenarios
-from .objective import Objective, Score
+from .methods.objective import Objective, Score
 
 T = TypeVar("T")
 BLOCK, LEAST = 64, 16  # scenarios in a block and on a device: fewer than in a rollout, since each carries its tangents

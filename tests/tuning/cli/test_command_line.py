@@ -445,7 +445,7 @@ def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
         "report.md",
         "shard-00000.npz",
     ]
-    assert set(written) <= set(files_of(out)) and "map_rmse.png" in files_of(out)
+    assert set(written) <= set(files_of(out)) and "map_total_rmse.png" in files_of(out)
     with open(out / "config.toml", "rb") as file:
         table = tomllib.load(file)["sweep"]
     span = {"between": [0.0, 1.0], "points": 3}

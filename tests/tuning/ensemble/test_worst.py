@@ -128,7 +128,7 @@ def test_a_scenario_that_diverges_is_the_worst():
     worst = hand_made(lambda x, y, h, a: jnp.where(x > 0.9, jnp.inf, x))
     (found,) = worst.search(jnp.zeros(1))
     assert np.isinf(found.value) and found.scenario["start.position"][0] > 0.9
-    assert statement([found]) == ["A scenario in this box was found that diverges (rmse)."]
+    assert statement([found]) == ["A scenario in this box was found that diverges (total_rmse)."]
 
 
 def test_a_sample_that_is_worse_than_what_the_ascent_found_counts():

@@ -250,7 +250,8 @@ def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
         assert f"| deadzone.acceleration.{part} | not identifiable |" in (out / "report.md").read_text()
     assert told["deadzone.yaw_acceleration.slope_left"]["identified"]
     config = configuration.load([str(out / "scenario.toml")], [])  # what is not known keeps the range that was assumed
-    assert list(config.ensemble.draws["deadzone.acceleration.slope_left"]) == [0.5, 1.5]
+    draw = config.ensemble.draws["deadzone.acceleration.slope_left"]
+    assert (draw.low, draw.high) == (0.5, 1.5)
 
 
 def test_the_prediction_is_that_of_the_simulator():

@@ -235,7 +235,7 @@ def test_a_settling_time_can_be_asked_for():
 
 def test_draws_that_break_a_rule_are_named():
     draws = {"deadzone.heading.slope_right": Distribution("norm", {"loc": 0.1, "scale": 0.2})}
-    with pytest.raises(InputError, match=r"ensemble.draws.deadzone.heading.slope_right.*of 4 are not"):
+    with pytest.raises(InputError, match=r"ensemble.draws.deadzone.heading.slope_right = -.*must be finite and > 0"):
         pose(problem(draws=draws))
 
 

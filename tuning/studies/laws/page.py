@@ -14,8 +14,8 @@ from agvjax.leaves import get
 from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
+from ..captions import caption, image
 from ..paper.cases import LABELS
-from ..paper.figures import caption, image
 from .study import BUDGET, Comparison, Tuned
 
 
@@ -123,6 +123,7 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     return "\n".join([table, "", *statements(made)])
 
 
+# long: one template
 def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[Json]) -> str:
     sizes = comparison.config.ensemble
     limits = grid(

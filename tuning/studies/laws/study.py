@@ -17,7 +17,7 @@ from agvjax.metric_table import AXES
 from ...config.settings import Config, Tune
 from ...ensemble.draws import sample
 from ...tune.gains import Gains
-from ...tune.objective import within
+from ...tune.methods.objective import within
 from ...tune.problem import requirements
 from ...tune.tuner import Tuner
 from ..paper.cases import WORKERS, matched

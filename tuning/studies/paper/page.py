@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...io.files import Json
 from ...io.pages import grid
+from ..captions import image
 from . import tables
 from .bounds import VACUOUS
 from .cases import LABELS
-from .figures import image
 from .published import CHANNELS
-from .reproduce import Reproduction
+from .reproduce import Reproduction, sampled_bounds
 
 
 def summary(found: Reproduction) -> str:
@@ -87,21 +86,6 @@ def readings(found: Reproduction) -> str:
         settled = [tables.number(float(s), "settling_time") for s in m.settling_time]
         lines.append([name, *(f"{v:.4f}" for v in (*m.rmse, *m.rmse_late)), *settled])
     return grid(header, lines)
-
-
-def sampled_bounds(found: Reproduction) -> Json:
-    """Bound over observed on the sampled scenarios: median, smallest and largest, position then heading."""
-    rows: Json = {"scenarios": len(found.bounds)}
-    for name in ("printed", "corrected"):
-        ratios = np.array([getattr(r, name) / r.observed for r in found.bounds])
-        rows[name] = {
-            "median": np.median(ratios, 0).tolist(),
-            "smallest": ratios.min(0).tolist(),
-            "largest": ratios.max(0).tolist(),
-            "vacuous": (ratios > VACUOUS).sum(0).tolist(),
-            "violated": (ratios < 1).sum(0).tolist(),
-        }
-    return rows
 
 
 def bounds(found: Reproduction) -> str:
@@ -186,6 +170,7 @@ def paper_section(found: Reproduction, first: int, last: int) -> str:
     return "\n\n".join(image(f"fig{i:02}") for i in range(first, last + 1))
 
 
+# long: one template
 def markdown(found: Reproduction, command: str) -> str:
     """`report.md`."""
     config, sweep = found.config, found.network

@@ -59,6 +59,7 @@ def papers_deadzones(scenario: agvjax.Scenario) -> dict[str, agvjax.Deadzone]:
     return {name: part for name, part in scenario.deadzone.items() if isinstance(part, agvjax.Deadzone)}
 
 
+# long: a line for each signal of the proof
 def signals(controller: agvjax.NeuroBackstepping, scenario: agvjax.Scenario, trajectory: agvjax.Trajectory) -> Signals:
     """The signals of eqs. (21)-(60) along a trajectory, recomputed from its states; works under `jax.vmap`.
 
@@ -170,6 +171,7 @@ def constants(
 
 
 @jax.jit
+# long: a line for each constant of the proof
 def _constants(
     k: agvjax.NeuroBackstepping,
     deadzone: dict[str, agvjax.Deadzone],

@@ -12,9 +12,10 @@ import agvjax
 from ...io import files
 from ...io.files import Json
 from ...io.pages import html
+from ..captions import caption
 from . import cases, figures, tables
-from .page import markdown, sampled_bounds
-from .reproduce import Reproduction
+from .page import markdown
+from .reproduce import Reproduction, sampled_bounds
 
 
 def write(found: Reproduction, out: Path, command: str, progress: Callable[[str], None]) -> Json:
@@ -30,7 +31,7 @@ def write(found: Reproduction, out: Path, command: str, progress: Callable[[str]
         "fractional": figures.fractional(found.judged),
     }
     for name, figure in drawn.items():
-        figures.caption(name, figure, command)
+        caption(name, figure, command)
         files.write_figure(out / f"{name}.png", figure)
         progress(f"{name}.png")
     content = {name: tables.plain(made) for name, made in found.tables.items()} | data(found)

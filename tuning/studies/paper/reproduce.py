@@ -8,13 +8,16 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
+import numpy as np
 
 import agvjax
 from agvjax.leaves import cast
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
-from . import bounds, cases, facts, figures, tables
+from ...io.files import Json
+from ..captions import CAPTIONS
+from . import bounds, cases, facts, tables
 from . import proof as lyapunov
 from .bounds import Proof
 from .cases import Run
@@ -98,7 +101,7 @@ def _longest_first(name: str) -> tuple[int, str]:
 def steps(config: Config) -> int:
     """How often `Reproduction` and `report.write` report progress."""
     groups = len(cases.groups(cases.papers_law(config), config.scenario))
-    return groups + 4 + (len(figures.CAPTIONS) - 1) + 1
+    return groups + 4 + (len(CAPTIONS) - 1) + 1
 
 
 def faults(config: Config) -> list[agvjax.Fault]:
@@ -114,3 +117,18 @@ def faults(config: Config) -> list[agvjax.Fault]:
         rule = "a number: the law with known slopes is one of the ablations"
         found.append(agvjax.Fault("controller.Pi_hat, controller.Pi_psi_hat", "KnownSlopes", rule))
     return found
+
+
+def sampled_bounds(found: Reproduction) -> Json:
+    """Bound over observed on the sampled scenarios: median, smallest and largest, position then heading."""
+    rows: Json = {"scenarios": len(found.bounds)}
+    for name in ("printed", "corrected"):
+        ratios = np.array([getattr(r, name) / r.observed for r in found.bounds])
+        rows[name] = {
+            "median": np.median(ratios, 0).tolist(),
+            "smallest": ratios.min(0).tolist(),
+            "largest": ratios.max(0).tolist(),
+            "vacuous": (ratios > bounds.VACUOUS).sum(0).tolist(),
+            "violated": (ratios < 1).sum(0).tolist(),
+        }
+    return rows

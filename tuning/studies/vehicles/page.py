@@ -53,6 +53,7 @@ def findings(study: Study) -> Json:
     }
 
 
+# long: one template
 def page(study: Study) -> str:
     """`report.md`."""
     missing = "".join(f"\nNot run: {text}.\n" for text in study.without)

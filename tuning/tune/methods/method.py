@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, PyTree
 from agvjax import Fault
 
 from ...config.settings import Config, Tune
-from ..objective import Objective, Score
+from .objective import Objective, Score
 
 MOST_FORWARD = 30  # gains up to which forward mode costs less than reverse mode; see benchmarks/gradient.py
 Scenarios = Mapping[str, np.ndarray]  # the leaves that vary, (B, ...)

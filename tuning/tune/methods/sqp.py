@@ -20,8 +20,8 @@ from scipy import sparse
 from agvjax import Fault
 
 from ...config.settings import Config
-from ..objective import Objective
 from .method import Look, Method, Progress, Scenarios
+from .objective import Objective
 
 FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-4  # of the trust region, in the free coordinates: logarithms of the gains
 FLATTEST = 1e-3  # curvature to begin with
@@ -202,6 +202,7 @@ def _worth(levels: np.ndarray, objective: Objective) -> tuple[float, float]:
     return float(goal), float(np.maximum(levels[goals:] - 1, 0).sum())
 
 
+# long: one matrix, block by block
 def solve(
     model: Any, objective: Objective, reference: Any, radius: float, hessian: np.ndarray | None = None
 ) -> Solution:
@@ -277,13 +278,14 @@ def solve(
 
 def _quadratic(hessian: np.ndarray, cost: np.ndarray, matrix: np.ndarray, room: np.ndarray) -> Any:
     """Unknowns, duals and value of: minimise x' hessian x / 2 + cost' x subject to matrix x <= room."""
-    settings = clarabel.DefaultSettings()  # pyright: ignore[reportAttributeAccessIssue]
+    solver: Any = clarabel  # its stubs lack these names
+    settings = solver.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    cones = [clarabel.NonnegativeConeT(len(room))]  # pyright: ignore[reportAttributeAccessIssue]
+    cones = [solver.NonnegativeConeT(len(room))]
     upper = sparse.triu(sparse.csc_matrix(hessian)).tocsc()
     rows = sparse.csc_matrix(matrix)
-    found = clarabel.DefaultSolver(upper, cost, rows, room, cones, settings).solve()  # pyright: ignore
+    found = solver.DefaultSolver(upper, cost, rows, room, cones, settings).solve()
     if str(found.status) not in ("Solved", "AlmostSolved"):
         raise RuntimeError(f"the linearised tuning problem could not be solved: {found.status}")
     return np.array(found.x), np.array(found.z), float(found.obj_val)

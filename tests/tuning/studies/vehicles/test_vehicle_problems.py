@@ -188,7 +188,7 @@ import jax, jax.numpy as jnp
 from tuning import Objective
 objective = Objective(limits=())
 values, ok = jnp.linspace(1.0, 2.0, 64)[None], jnp.ones(64, bool)
-reference = objective.reference(values, ok)
+reference = objective.baseline(values, ok)
 slope = jax.jit(jax.grad(lambda v: objective.score(v, ok, reference).cost))(values)
 assert abs(float(slope.sum()) - (1 / 1.5 + .3 / 2)) < 1e-5, slope.sum()
 """
