@@ -60,6 +60,9 @@ HOMES = {  # of an earlier module, what holds its names today; of a package, wha
     "tuning.worst": ("tuning.ensemble.worst",),
 }
 RENAMED = {
+    "tuning.Free": "tuning.tune.gains.Gains",
+    "tuning.free.Free": "tuning.tune.gains.Gains",
+    "tuning.problem.Posed": "tuning.tune.problem.TuningProblem",
     "agvjax.Problem": "agvjax.Fault",
     "agvjax.problems": "agvjax.faults",
     "agvjax.step_problems": "agvjax.step_faults",

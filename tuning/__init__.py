@@ -69,6 +69,8 @@ sys.meta_path.append(_Earlier())
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__} has no attribute {name}")
-    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    if name in _HOMES:
+        return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    from agvjax import _moved  # late, as above
+
+    return _moved.find(__name__, name)
