@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from typing import Any
 
 import jax
 
@@ -13,6 +12,7 @@ from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..compute import compiled, processes
+from ..config.codecs import Toml
 from ..config.rules import Rules, faults
 from ..config.settings import Config
 from ..tune.methods import method
@@ -26,7 +26,7 @@ def overrides(arguments: argparse.Namespace) -> list[str]:
 
 
 def configure(
-    arguments: argparse.Namespace, rules: Rules = faults, more: Mapping[str, Any] | None = None
+    arguments: argparse.Namespace, rules: Rules = faults, more: Mapping[str, Toml] | None = None
 ) -> tuple[Config, Console]:
     """The configuration of files, options and `more` by dotted key, checked by `rules`; and the console.
 
@@ -89,13 +89,3 @@ def warn(console: Console, config: Config, *sections: str) -> None:
             console.note(f"{name}.{text}")
     for text in agvjax.path_warnings(config.scenario, config.simulate.horizon):
         console.note(f"the path cannot be followed exactly: {text}")
-
-
-def trajectory_of(config: Config, controller: Any, scenario: Any) -> agvjax.Trajectory:
-    """A run with the timing of `simulate`."""
-    return agvjax.simulate(controller, scenario, save_every=config.simulate.save_every, **config.timing())
-
-
-def as_arrays(tree: Any) -> Any:
-    """Leaves as arrays of one kind, so that gains before and after, nominal and drawn scenes share a compilation."""
-    return agvjax.check(tree)

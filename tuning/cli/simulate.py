@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -22,7 +21,7 @@ from ..io.pages import grid
 from ..sweep.replay import vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
-from .prepare import configure, trajectory_of, warn
+from .prepare import configure, warn
 
 Number = float | str  # or words where there is none
 Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
@@ -36,7 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
     plant = config.scenario.plant
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
-    trajectory = jax.block_until_ready(trajectory_of(config, config.controller, config.scenario))
+    save = config.simulate.save_every
+    trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
     numbers = _numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
     files.write_npz(out / "trajectory.npz", _arrays(trajectory))
     files.write_json(out / "metrics.json", numbers)

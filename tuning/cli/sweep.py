@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
+import re
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -16,7 +17,6 @@ from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
 from ..sweep.rules import faults
-from .axis import axis
 from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, rank_and_count, warn
@@ -56,8 +56,24 @@ def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
     options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
     options |= {"samples": arguments.samples, "design": arguments.design}
     if arguments.over or arguments.ensemble:
-        options["over"] = [axis(text) for text in arguments.over]
+        options["over"] = [_axis(text) for text in arguments.over]
     return {f"sweep.{name}": value for name, value in options.items() if value is not None}
+
+
+def _axis(text: str) -> dict[str, Toml]:
+    """`a+b=0:1.5:101` -> an axis on which both move as one; `*=` is times nominal, without a count it is sampled."""
+    rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
+    try:
+        if match := re.fullmatch(r"([^=*]+)=([^:]+)", text):
+            span: dict[str, Toml] = {"one_of": [float(x) for x in match[2].split(",")]}
+        elif match := re.fullmatch(r"([^=*]+)(\*?)=([^:,]+):([^:,]+)(?::([^:,]+))?", text):
+            span = {"times" if match[2] else "between": [float(match[3]), float(match[4])]}
+            span |= {"points": int(match[5])} if match[5] else {}
+        else:
+            raise ValueError
+    except ValueError as error:
+        raise InputError([Fault("--over", text, rule)]) from error
+    return {name.strip(): span for name in match[1].split("+")}
 
 
 def _place(arguments: argparse.Namespace) -> float:
@@ -79,9 +95,8 @@ def _folder(
     out = Path(arguments.out or os.devnull)
     if not (out / shards.MANIFEST).exists():
         if arguments.resume:
-            raise InputError(
-                [Fault("--resume", arguments.out, "used with --out, the folder of a sweep that has begun")]
-            )
+            rule = "used with --out, the folder of a sweep that has begun"
+            raise InputError([Fault("--resume", arguments.out, rule)])
         try:
             out = new_folder(arguments.out, arguments.command)
         except InputError:
@@ -94,12 +109,11 @@ def _folder(
     try:
         before = shards.read_manifest(out)
     except ValueError as error:
-        raise InputError([Fault("--out", str(out), f"a new folder, or that of this sweep ({error})")]) from error
+        raise InputError([Fault("--out", out, f"a new folder, or that of this sweep ({error})")]) from error
     try:
         manifest = shards.taken_up(before, manifest)
     except ValueError as error:
-        rule = f"a new folder, or that of the same sweep; changed: {error}"
-        raise InputError([Fault("--out", str(out), rule)]) from error
+        raise InputError([Fault("--out", out, f"a new folder, or that of the same sweep; changed: {error}")]) from error
     if before.versions != manifest.versions:
         console.note(f"this sweep was begun with {before.versions}, here are {manifest.versions}")
     return out, manifest
