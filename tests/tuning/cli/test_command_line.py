@@ -453,7 +453,7 @@ def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
     before = files_of(out)
     run(arguments("sweep", tmp_path / "again", (), "--config", out / "config.toml", "--quiet"))
     shards = [(folder / "shard-00000.npz").read_bytes() for folder in (out, tmp_path / "again")]
-    assert np.load(out / "shard-00000.npz")["result/rmse"].shape == (1, 6) and len(shards[0]) == len(shards[1])
+    assert np.load(out / "shard-00000.npz")["result/total_rmse"].shape == (1, 6) and len(shards[0]) == len(shards[1])
     (out / "manifest.json").rename(tmp_path / "manifest.json")
     said = refused([*arguments("sweep", out, settings), *over, "--seed", "1"])
     assert "not empty" in said and "manifest.json" not in files_of(out)
