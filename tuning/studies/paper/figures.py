@@ -13,7 +13,7 @@ from agvjax.draw import plot
 
 from . import cases
 from . import proof as theory
-from .bounds import Proof, Report
+from .bounds import Report
 from .cases import LABELS, Judged
 
 REFERENCE = {"color": "0.6", "lw": 2.4, "ls": "-", "zorder": 1}
@@ -232,9 +232,10 @@ def fractional(judged: Judged) -> Figure:
     return figure
 
 
-def lyapunov(trajectory: agvjax.Trajectory, found: Proof) -> Figure:
+def lyapunov(
+    trajectory: agvjax.Trajectory, constants: theory.Constants, functions: theory.Functions, report: Report
+) -> Figure:
     """L2 and L4 with their printed bounds, and the errors with the printed and the corrected ultimate bounds."""
-    constants, functions, report = found.constants, found.functions, found.report
     t = np.asarray(trajectory.t)
     errors = _errors(trajectory)
     figure = Figure(figsize=(9, 5.4), layout="constrained")

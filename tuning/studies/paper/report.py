@@ -25,7 +25,7 @@ def write(found: Reproduction, out: Path, command: str, progress: Callable[[str]
         "b1": figures.b1(found.network, float(np.asarray(found.law.k2))),
         "bandwidth": figures.bandwidth(found.judged),
         "readings": figures.readings({name: run.trajectory for name, run in found.readings.items()}),
-        "lyapunov": figures.lyapunov(found.trajectories["proposed"], found.lyapunov),
+        "lyapunov": figures.lyapunov(found.trajectories["proposed"], *found.lyapunov[:3]),
         "vacuity": figures.vacuity(found.bounds),
         "event": figures.event(found.trajectories["event"], found.trajectories["proposed"]),
         "fractional": figures.fractional(found.judged),
