@@ -62,7 +62,7 @@ def _renamed(cls: type) -> dict[str, Any]:
         "relieved": lambda _: {"relieves": True},
         "period": lambda _: {"control_period": lambda self: self.period},
         "L": lambda _: {"lever": lambda self: self.L},
-        "needs": lambda needs: {"needs": lambda self, motion: needs(self, *motion)},
+        "needs": lambda needs: {"needs": lambda self, motion: needs(self, *motion[:4])},
     }
     if not hasattr(cls, "law"):
         old["limited"] = lambda limited: {"limited": lambda self, flow, memory, u: limited(self, u)}
