@@ -81,7 +81,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "NAME": name,
         "VERSION": _version(artefact),
         "PERIOD": f"{_value(artefact, 'period'):g}",
-        "L": f"{float(leaves(artefact.controller)['vehicle.L']):g}",
+        "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
@@ -208,7 +208,11 @@ def _node(artefact: Artefact) -> dict[str, Own]:
     period, vehicle = _value(artefact, "period"), leaves(artefact.controller.vehicle)
     car = "steering_rate" in artefact.provenance["inputs"]
     slow = float(vehicle["slowest"]) if car else 0.2  # m/s, on which the other speeds are measured
-    most = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(vehicle["L"]) if car else 1.5
+    most = (
+        2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(artefact.controller.vehicle.lever() or 0.0)
+        if car
+        else 1.5
+    )
     above, least = {"gt<>": [0.0]}, {"gt_eq<>": [0.0]}
     return {
         "frame": Own(
