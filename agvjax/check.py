@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from .errors import Fault, InputError
 from .integrate import Integrator
@@ -18,7 +21,7 @@ T = TypeVar("T")
 COARSE = 0.01  # error of a mode beyond which a step is worth a word
 
 
-def faults(tree: Any, name: str = "") -> list[Fault]:
+def faults(tree: PyTree, name: str = "") -> list[Fault]:
     """Every number in a controller or scenario that breaks the rule written beside its field."""
     found = []
     fields = {f.name: f.metadata for f in dataclasses.fields(tree)} if dataclasses.is_dataclass(tree) else {}
@@ -31,7 +34,7 @@ def faults(tree: Any, name: str = "") -> list[Fault]:
     return found
 
 
-def _broken(key: str, value: Any, field: Any) -> list[Fault]:
+def _broken(key: str, value: object, field: Mapping[str, Any]) -> list[Fault]:
     rule, source, shape = field["rule"], field["source"], field["shape"]
     array = np.asarray(value)
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
@@ -84,7 +87,7 @@ def step_warnings(controller: Law, dt: float, integrator: Integrator) -> list[st
     return [f"dt = {dt:g} s is coarse: error of the modes that gains set, {', '.join(coarse)}"] if coarse else []
 
 
-def check(tree: T, dtype: Any = None) -> T:
+def check(tree: T, dtype: DTypeLike | None = None) -> T:
     """A controller or scenario, found usable, its numbers in the run's dtype (an integer gain would stop `jax.grad`).
 
     Raises:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._pytree import Real
 
 
-def uniform(seed: Any, count: Any) -> Any:
+def uniform(seed: Real, count: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """A number in [0, 1) of its seed and place, by a hash of both: cheap enough for a loop."""
     bits = jnp.asarray(count).astype(jnp.uint32) * jnp.uint32(0x9E3779B9) + jnp.asarray(seed).astype(jnp.uint32)
     for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):

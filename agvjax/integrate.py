@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
 
-Derivative = Callable[[PyTree, PyTree], tuple[PyTree, PyTree]]
+from ._pytree import Real
+
+State = PyTree
+Derivative = Callable[[State, PyTree], tuple[State, PyTree]]  # of state and signals: rate, and what is seen
 
 
 class Integrator(NamedTuple):
@@ -22,7 +25,7 @@ class Integrator(NamedTuple):
     name: str
     order: int
     nodes: tuple[float, ...]
-    advance: Callable[[Derivative, PyTree, PyTree, PyTree], tuple[PyTree, PyTree]]
+    advance: Callable[[Derivative, State, Real, Sequence[PyTree]], tuple[State, PyTree]]
 
     def __str__(self) -> str:
         """Its name, as in TOML."""
@@ -61,22 +64,22 @@ def largest(holds: Callable[[float], bool], high: float) -> float:
     return low
 
 
-def _add(x: PyTree, h: PyTree, rate: PyTree) -> PyTree:
+def _add(x: State, h: Real, rate: State) -> State:
     return jax.tree.map(lambda a, b: a + h * b, x, rate)
 
 
-def _euler(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
+def _euler(f: Derivative, x: State, h: Real, signals: Sequence[PyTree]) -> tuple[State, PyTree]:
     k1, seen = f(x, signals[0])
     return _add(x, h, k1), seen
 
 
-def _heun(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
+def _heun(f: Derivative, x: State, h: Real, signals: Sequence[PyTree]) -> tuple[State, PyTree]:
     k1, seen = f(x, signals[0])
     k2, _ = f(_add(x, h, k1), signals[1])
     return _add(x, h / 2, jax.tree.map(lambda a, b: a + b, k1, k2)), seen
 
 
-def _rk4(f: Derivative, x: PyTree, h: PyTree, signals: PyTree) -> tuple[PyTree, PyTree]:
+def _rk4(f: Derivative, x: State, h: Real, signals: Sequence[PyTree]) -> tuple[State, PyTree]:
     start, middle, end = signals
     k1, seen = f(x, start)
     k2, _ = f(_add(x, h / 2, k1), middle)

@@ -8,14 +8,16 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
+from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import PyTree
+
+from ._pytree import Rule
 
 
 def cast(tree: PyTree, dtype: DTypeLike) -> PyTree:
     """The tree with its real numbers (Python and NumPy integers too) in `dtype`; keys, counts and flags as they are."""
 
-    def one(leaf: PyTree) -> PyTree:
+    def one(leaf: ArrayLike) -> ArrayLike:
         real = jnp.issubdtype(jnp.result_type(leaf), jnp.floating) or jnp.issubdtype(
             jnp.result_type(leaf), jnp.signedinteger
         )
@@ -63,7 +65,7 @@ def get(tree: PyTree, name: str) -> PyTree:
     return tree
 
 
-def rule_of(tree: PyTree, name: str) -> PyTree:
+def rule_of(tree: PyTree, name: str) -> Rule | None:
     """The rule written beside the field of a dotted name; None where there is none."""
     return _metadata(tree, name).get("rule")
 
@@ -73,7 +75,7 @@ def unit_of(tree: PyTree, name: str) -> str:
     return _metadata(tree, name).get("unit", "")
 
 
-def _metadata(tree: PyTree, name: str) -> Mapping[str, PyTree]:
+def _metadata(tree: PyTree, name: str) -> Mapping[str, Any]:
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()

@@ -15,7 +15,9 @@ class Command:
 
     position: Float[Array, "2"]  # m/s^2
     heading: Float[Array, ""]  # rad/s
-    inputs: Any = None  # {actuator: input}, of a law that allocates for itself; None: the plant does
+    inputs: dict[str, Array] | None = (
+        None  # {actuator: input}, of a law that allocates for itself; None: the plant does
+    )
 
 
 @pytree
@@ -26,7 +28,7 @@ class Measurement:
     velocity: Float[Array, "2"]  # m/s
     heading: Float[Array, ""]  # rad
     yaw_rate: Float[Array, ""]  # rad/s
-    steering_angle: Any = None  # rad, of a vehicle that steers a wheel
+    steering_angle: Any = None  # rad, of a vehicle that steers a wheel; no other plant asks for it
 
 
 @pytree

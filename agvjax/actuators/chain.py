@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,15 +37,15 @@ class Chain(Element, Mapping[str, Element]):
         """As it is written."""
         return f"Chain({', '.join(f'{name}={part!r}' for name, part in self.items())})"
 
-    def init(self, u: Float[Array, "*n"]) -> dict[str, Any]:
+    def init(self, u: Float[Array, "*n"]) -> dict[str, PyTree]:
         """The states at the start."""
         return self._begin(u)[0]
 
-    def hold(self, u: Float[Array, "*n"]) -> dict[str, Any]:
+    def hold(self, u: Float[Array, "*n"]) -> dict[str, PyTree]:
         """The memories before the first step."""
         return self._begin(u)[1]
 
-    def _begin(self, u: Array) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _begin(self, u: Array) -> tuple[dict[str, PyTree], dict[str, PyTree]]:
         flows, memories = {}, {}
         for name, part in self.items():
             flows[name], memories[name] = part.init(u), part.hold(u)
@@ -54,15 +53,17 @@ class Chain(Element, Mapping[str, Element]):
         return flows, memories
 
     def deliver(
-        self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"]
-    ) -> tuple[Float[Array, "*n"], dict[str, Any]]:
+        self, flow: dict[str, PyTree], memory: dict[str, PyTree], u: Float[Array, "*n"]
+    ) -> tuple[Float[Array, "*n"], dict[str, PyTree]]:
         """What the last one delivers, and the derivatives of all."""
         rates = {}
         for name, part in self.items():
             u, rates[name] = part.deliver(flow[name], memory[name], u)
         return u, rates
 
-    def jump(self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"], h: Array) -> dict[str, Any]:
+    def jump(
+        self, flow: dict[str, PyTree], memory: dict[str, PyTree], u: Float[Array, "*n"], h: Array
+    ) -> dict[str, PyTree]:
         """The memories for the step that begins; each element sees what the renewed ones before it deliver."""
         memories = {}
         for name, part in self.items():
@@ -70,7 +71,7 @@ class Chain(Element, Mapping[str, Element]):
             u, _ = part.deliver(flow[name], memories[name], u)
         return memories
 
-    def limited(self, flow: dict[str, Any], memory: dict[str, Any], u: Float[Array, "*n"]) -> Bool[Array, ""]:
+    def limited(self, flow: dict[str, PyTree], memory: dict[str, PyTree], u: Float[Array, "*n"]) -> Bool[Array, ""]:
         """Whether one of them is at its limit."""
         limited = []
         for name, part in self.items():

@@ -22,7 +22,7 @@ class Sent:
 
 @pytree
 class EventTriggered(Wrapping):
-    """Any law, its command of each channel held until it differs by `delta` |held| + `m` from what the law asks for.
+    """A law, its command of each channel held until it differs by `delta` |held| + `m` from what the law asks for.
 
     Looked at once every control instant. The interval between two updates is at least m / sup |u'|, so there are never
     infinitely many in finite time. It is not to be tuned by gradient: when a channel updates jumps with the gains.

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jaxtyping import Array
 
 DEGREE = {4: 6, 8: 12}  # by bytes; the next term is at most 1.2e-7 and 1.7e-16: one unit in the last place
 
@@ -25,7 +25,7 @@ def _coefficients(degree: int) -> np.ndarray:
     return np.array([math.log(2) ** k / math.factorial(k) for k in range(degree + 1)])
 
 
-def _exp(x: Any) -> Any:
+def _exp(x: Array) -> Array:
     """e^x, relative error (2 + |x|) eps; what is smaller than the smallest normal number becomes it, NaN stays NaN."""
     info = jnp.finfo(x.dtype)
     integer = jnp.dtype(f"int{info.bits}").type

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +12,9 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
-from .._pytree import pytree
+from .._pytree import Real, pytree
 from ..leaves import cast
+from ..messages import Reference
 from ..paths.heading import default_heading, reference, says
 from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
 from ..scenario import Scenario
@@ -50,6 +52,19 @@ class Carry:
     meter: PyTree
 
 
+TimeOnly = tuple[Reference, Array]  # what the path asks for, and the shape of the disturbance
+
+
+class Row(NamedTuple):
+    """What of a step depends on time alone; of several steps with one more leading axis."""
+
+    number: Array  # from 0
+    h: Array  # s, its length
+    t: Array  # s, instants of the integrator's nodes
+    signals: TimeOnly  # at these
+    weights: PyTree  # the meter's
+
+
 class Rollout:
     """One closed loop ready to be stepped: the objects, cast to the run's dtype, and how to step them.
 
@@ -60,6 +75,7 @@ class Rollout:
         self,
         controller: Law,
         scenario: Scenario,
+        *,
         timing: Timing,
         dtype: DTypeLike | None,
         meter: Meter,
@@ -83,10 +99,9 @@ class Rollout:
 
         path, disturbance = self.scenario.path, self.scenario.disturbance
         self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
-        jumps = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
-        self.jumps: list[Callable[[Array], PyTree]] = list(
-            filter(says, jumps)
-        )  # functions that know the instant nearest to `t` at which a signal jumps
+        # what knows the instant nearest to `t` at which a signal jumps
+        nearest = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
+        self.jumps: list[Callable[[Array], Any]] = list(filter(says, nearest))
 
     def instant(self, index: Array | int) -> tuple[Array, Array, Array]:
         """When step `index` begins: t = index * dt, moved onto a jump that is within half a step.
@@ -108,22 +123,22 @@ class Rollout:
         (_, before, _), (t, moved, _), (_, after, _) = (self.instant(index + i) for i in (-1, 0, 1))
         return self.meter.weights(t, self.dt + (moved - before), self.dt + (after - moved), self.end)
 
-    def time_only(self, t: Float[Array, ""], side: Array | float = 0.0) -> PyTree:
+    def time_only(self, t: Float[Array, ""], side: Real = 0.0) -> TimeOnly:
         """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
         shape = self.scenario.disturbance.shape(t + side)
         return reference(self.scenario.path, lambda path, time: self.heading(path, time + side), t), shape
 
-    def signals(self, t: Float[Array, ""], row: PyTree) -> loop.Signals:
+    def signals(self, t: Float[Array, ""], row: TimeOnly) -> loop.Signals:
         """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
         ref, shape = row
         return loop.Signals(time=t, reference=ref, disturbance=self.scenario.disturbance.scale(shape))
 
-    def table(self, first: Array, steps: int) -> PyTree:
+    def table(self, first: Array, steps: int) -> Row:
         """Time-only signals of `steps` steps from number `first`, at the nodes of the integrator."""
         return jax.vmap(self.row)(first + jnp.arange(steps))
 
-    def row(self, index: Array) -> PyTree:
-        """Of one step: its number, length, instants of the nodes, signals there, and the meter's weights."""
+    def row(self, index: Array) -> Row:
+        """All of one step that depends on time alone."""
         (begin, moved, past), (_, moved_next, short) = self.instant(index), self.instant(index + 1)
         h = self.dt + (moved_next - moved) if self.jumps else self.dt
         nodes = self.integrator.nodes
@@ -131,12 +146,12 @@ class Rollout:
         sides = [past if node == 0 else -short if node == 1 else jnp.zeros_like(h) for node in nodes]
         t, sides = jnp.stack(t), jnp.stack(sides)
         signals = jax.vmap(self.time_only)(t, sides) if self.jumps else jax.vmap(self.time_only)(t)
-        return index, h, t, signals, self.weights(index)
+        return Row(index, h, t, signals, self.weights(index))
 
     def begin(self) -> Carry:
         """The first carry."""
-        _, _, t, table, _ = self.row(jnp.zeros((), int))
-        signals = self.signals(t[0], _first(table))
+        row = self.row(jnp.zeros((), int))
+        signals = self.signals(row.t[0], _first(row.signals))
         flow, memory, ok = loop.start(self.controller, self.scenario, signals)
         sample = loop.derivative(self.controller, self.scenario, flow, memory, signals)[1]
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.start(sample))
@@ -159,8 +174,8 @@ class Rollout:
             return renew()
         return jax.lax.cond(index % self.every == 0, renew, lambda: carry.memory)
 
-    def step(self, carry: Carry, row: PyTree) -> tuple[Carry, loop.Sample]:
-        """One step: jump, look, integrate, latch. Also returns what one saw at its start."""
+    def step(self, carry: Carry, row: Row) -> tuple[Carry, loop.Sample]:
+        """One step: memory, derivative, integrator, latch. Also returns the sample at its start."""
         index, h, t, table, weights = row
         nodes = range(len(self.integrator.nodes))
         signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
@@ -176,27 +191,27 @@ class Rollout:
         )
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 
-    # long: one scan in a scan: the parts share what they carry
-    def run(self, save_every: int | None) -> tuple[Carry, PyTree, loop.Sample]:
+    def _steps(self, carry: Carry, rows: Row) -> Carry:
+        """Several steps, number by number where the state is small."""
+        if sum(x.size for x in jax.tree.leaves(carry)) > MOST_SCALARS:
+            return jax.lax.scan(lambda c, row: (self.step(c, row)[0], None), carry, rows)[0]
+        step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
+        columns = jax.tree.map(lambda x: [x[(slice(None), *i)] for i in np.ndindex(x.shape[1:])], rows)
+        # the row travels in the carry, fetched one step ahead: a row read in the body would be read in every kernel
+        now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
+        return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
+
+    def run(self, save_every: int | None) -> tuple[Carry, loop.Sample | None, loop.Sample]:
         """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
 
-        def steps(carry: Carry, rows: PyTree) -> Carry:
-            if sum(x.size for x in jax.tree.leaves(carry)) > MOST_SCALARS:
-                return jax.lax.scan(lambda c, row: (self.step(c, row)[0], None), carry, rows)[0]
-            step, pack = scalarise(lambda c, row: self.step(c, row)[0], carry, _first(rows))
-            columns = jax.tree.map(lambda x: [x[(slice(None), *i)] for i in np.ndindex(x.shape[1:])], rows)
-            # the row travels in the carry, fetched one step ahead: a row read in the body would be read in every kernel
-            now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
-            return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
-
-        def save(carry: Carry, rows: PyTree) -> tuple[Carry, loop.Sample]:
+        def save(carry: Carry, rows: Row) -> tuple[Carry, loop.Sample]:
             after, sample = self.step(carry, _first(rows))
-            return after if save_every == 1 else steps(carry, rows), sample
+            return after if save_every == 1 else self._steps(carry, rows), sample
 
-        def chunk(carry: Carry, first: Array, count: int) -> tuple[Carry, PyTree]:
+        def chunk(carry: Carry, first: Array, count: int) -> tuple[Carry, loop.Sample | None]:
             rows = self.table(first, count)
             if save_every is None:
-                return steps(carry, rows), None
+                return self._steps(carry, rows), None
             rows = jax.tree.map(lambda x: x.reshape(-1, save_every, *x.shape[1:]), rows)
             return jax.lax.scan(save, carry, rows)
 
@@ -207,7 +222,7 @@ class Rollout:
         if whole:
             several, inner = _groups(whole) if save_every is None else (1, whole)
 
-            def group(carry: Carry, first: Array | int) -> tuple[Carry, PyTree]:
+            def group(carry: Carry, first: Array | int) -> tuple[Carry, loop.Sample | None]:
                 return jax.lax.scan(lambda c, k: chunk(c, k, size), carry, first + size * jnp.arange(inner))
 
             if several == 1:

@@ -8,7 +8,8 @@ Rewritten so that every number is an array of its own, all have the shape (B,) a
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,24 +27,26 @@ ELEMENTWISE = frozenset(
 )
 CALLS = frozenset({"pjit", "jit", "closed_call", "core_call"})
 MOST_SCALARS = 128  # in the state of a loop; with more (many adapted weights) compiling takes longer than it saves
-Numbers = np.ndarray  # of dtype object: one scalar tracer in each place
+Scalar = jax.Array | np.ndarray | np.generic
+Shape = tuple[int, ...]
+Scalars = np.ndarray  # of dtype object: one scalar in each place
 
 
-def split(x: PyTree) -> Numbers:
+def split(x: Scalar) -> Scalars:
     """An array as an object array of its scalars."""
     shape = np.shape(x)
     out = np.empty(shape, object)
     for i in np.ndindex(shape):
-        out[i] = np.asarray(x[i]) if isinstance(x, np.ndarray) else x[i] if shape else x
+        out[i] = np.asarray(x[i]) if isinstance(x, np.ndarray) else x[i] if isinstance(x, jax.Array) and shape else x
     return out
 
 
-def join(x: Numbers) -> PyTree:
+def join(x: Scalars) -> Scalar:
     """The array again."""
     return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
 
 
-def _token(x: PyTree) -> PyTree:
+def _token(x: Scalar) -> Hashable:
     """Equal for equal numbers; a tracer, which `Once` keeps alive, is equal to itself alone."""
     return (np.dtype(x.dtype).str, x.tobytes()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
 
@@ -52,11 +55,15 @@ class Once:
     """Scalar operations, each bound once: a law asked twice at one instant costs no second trace."""
 
     def __init__(self) -> None:
-        self.known: dict[PyTree, tuple[PyTree, PyTree]] = {}
+        self.known: dict[Hashable, tuple[Any, tuple[Scalar, ...]]] = {}
 
     def bind(
-        self, primitive: core.Primitive, params: dict[str, PyTree], inputs: tuple[PyTree, ...], function: PyTree = None
-    ) -> PyTree:
+        self,
+        primitive: core.Primitive,
+        params: dict[str, Any],
+        inputs: tuple[Scalar, ...],
+        function: Callable[..., Any] | None = None,
+    ) -> Any:
         """The primitive, or the `function` that stands for it, on these numbers."""
         function = functools.partial(primitive.bind, **params) if function is None else function
         try:
@@ -69,7 +76,7 @@ class Once:
         return self.known[key][0]
 
 
-def _each(function: Callable[..., PyTree], inputs: Sequence[Numbers]) -> Numbers:
+def _each(function: Callable[..., Scalar], inputs: Sequence[Scalars]) -> Scalars:
     arrays = np.broadcast_arrays(*inputs)
     out = np.empty(arrays[0].shape, object)
     for i in np.ndindex(out.shape):
@@ -77,7 +84,7 @@ def _each(function: Callable[..., PyTree], inputs: Sequence[Numbers]) -> Numbers
     return out
 
 
-def _reduce(primitive: core.Primitive, x: Numbers, axes: tuple[int, ...], once: Once) -> Numbers:
+def _reduce(primitive: core.Primitive, x: Scalars, axes: tuple[int, ...], once: Once) -> Scalars:
     kept = [i for i in range(x.ndim) if i not in axes]
     x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
     out = np.empty(x.shape[:-1], object)
@@ -89,19 +96,19 @@ def _reduce(primitive: core.Primitive, x: Numbers, axes: tuple[int, ...], once: 
     return out
 
 
-def _broadcast(x: Numbers, *, shape: PyTree, broadcast_dimensions: PyTree, **_: PyTree) -> Numbers:
+def _broadcast(x: Scalars, *, shape: Shape, broadcast_dimensions: Shape, **_: object) -> Scalars:
     into = [1] * len(shape)
     for axis, size in zip(broadcast_dimensions, x.shape, strict=True):
         into[axis] = size
     return np.broadcast_to(x.reshape(into), shape)
 
 
-def _slice(x: Numbers, *, start_indices: PyTree, limit_indices: PyTree, strides: PyTree, **_: PyTree) -> Numbers:
+def _slice(x: Scalars, *, start_indices: Shape, limit_indices: Shape, strides: Shape | None, **_: object) -> Scalars:
     strides = strides or (1,) * x.ndim
     return x[tuple(slice(*s) for s in zip(start_indices, limit_indices, strides, strict=True))]
 
 
-STRUCTURAL: dict[str, Callable[..., Numbers]] = {
+STRUCTURAL: dict[str, Callable[..., Scalars]] = {
     "broadcast_in_dim": _broadcast,
     "concatenate": lambda *x, dimension, **_: np.concatenate(x, axis=dimension),
     "expand_dims": lambda x, *, dimensions, **_: np.expand_dims(x, dimensions),
@@ -114,10 +121,10 @@ STRUCTURAL: dict[str, Callable[..., Numbers]] = {
 }
 
 
-def _extreme(primitive: core.Primitive, beyond: PyTree) -> Callable[..., PyTree]:
+def _extreme(primitive: core.Primitive, beyond: core.Primitive) -> Callable[..., Scalar]:
     """Max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
 
-    def bind(once: Once, x: PyTree, y: PyTree) -> PyTree:
+    def bind(once: Once, x: Scalar, y: Scalar) -> Scalar:
         if isinstance(x, np.ndarray):
             x, y = y, x
         if isinstance(x, np.ndarray) or not isinstance(y, np.ndarray) or np.isnan(y):
@@ -127,7 +134,7 @@ def _extreme(primitive: core.Primitive, beyond: PyTree) -> Callable[..., PyTree]
     return bind
 
 
-CHEAPER: dict[str, Callable[..., PyTree]] = {
+CHEAPER: dict[str, Callable[..., Scalar]] = {
     "exp": lambda once, x: once.bind(exp_p, {}, (x,)),
     "max": _extreme(lax.max_p, lax.gt_p),
     "min": _extreme(lax.min_p, lax.lt_p),
@@ -136,7 +143,7 @@ REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": la
 REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}
 
 
-def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Numbers], once: Once) -> list[Numbers]:
+def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Scalars], once: Once) -> list[Scalars]:
     name, params = equation.primitive.name, equation.params
     if name in CHEAPER:
         return [_each(functools.partial(CHEAPER[name], once), inputs)]
@@ -154,14 +161,14 @@ def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Numbers], on
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 
-def _cond(equation: core.JaxprEqn, inputs: list[Numbers]) -> list[Numbers]:
+def _cond(equation: core.JaxprEqn, inputs: list[Scalars]) -> list[Scalars]:
     """A branch, its numbers kept apart: stacked for it they would have to be taken apart again."""
     index, *operands = inputs
-    avals: list[PyTree] = [v.aval for v in equation.outvars]
-    shapes = [x.shape for x in operands]
+    shapes: list[Shape] = [x.shape for x in operands]
+    avals: list[Any] = [v.aval for v in equation.outvars]
 
-    def scalar(branch: core.ClosedJaxpr) -> Callable[..., list[PyTree]]:
-        def run(*numbers: PyTree) -> list[PyTree]:
+    def scalar(branch: core.ClosedJaxpr) -> Callable[..., list[Scalar]]:
+        def run(*numbers: Scalar) -> list[Scalar]:
             out = _interpret(branch.jaxpr, [split(c) for c in branch.consts], _regroup(numbers, shapes), Once())
             each = [(v, aval.dtype) for x, aval in zip(out, avals, strict=True) for v in x.ravel()]
             return [jnp.asarray(v, dtype) if isinstance(v, np.generic | np.ndarray) else v for v, dtype in each]
@@ -173,7 +180,7 @@ def _cond(equation: core.JaxprEqn, inputs: list[Numbers]) -> list[Numbers]:
     return _regroup(out, [aval.shape for aval in avals])
 
 
-def _regroup(numbers: Sequence[PyTree], shapes: Sequence[tuple[int, ...]]) -> list[Numbers]:
+def _regroup(numbers: Sequence[Scalar], shapes: Sequence[Shape]) -> list[Scalars]:
     """Scalars in a row as arrays of these shapes."""
     arrays, at = [], 0
     for shape in shapes:
@@ -186,23 +193,18 @@ def _regroup(numbers: Sequence[PyTree], shapes: Sequence[tuple[int, ...]]) -> li
     return arrays
 
 
-def _whole(equation: core.JaxprEqn, jaxpr: core.Jaxpr) -> Callable[..., list[PyTree]]:
+def _whole(equation: core.JaxprEqn, jaxpr: core.Jaxpr) -> Callable[..., list[Scalar]]:
     """Any other equation as it stands, on whole arrays: run from a jaxpr of its own it keeps custom derivatives."""
-    inputs: PyTree = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
-    names: dict[str, PyTree] = {
-        "constvars": [],
-        "invars": inputs,
-        "outvars": equation.outvars,
-        "eqns": [equation.replace(invars=inputs)],
-    }
+    inputs: list[Any] = [core.Var(v.aval) if isinstance(v, core.Literal) else v for v in equation.invars]
+    names = {"constvars": [], "invars": inputs, "outvars": equation.outvars, "eqns": [equation.replace(invars=inputs)]}
     alone = jaxpr.replace(**names, effects=equation.effects)
     return core.jaxpr_as_fun(core.ClosedJaxpr(alone, []))
 
 
-def _interpret(jaxpr: core.Jaxpr, consts: Sequence[Numbers], inputs: Sequence[Numbers], once: Once) -> list[Numbers]:
+def _interpret(jaxpr: core.Jaxpr, consts: Sequence[Scalars], inputs: Sequence[Scalars], once: Once) -> list[Scalars]:
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *inputs], strict=True))
 
-    def read(atom: core.Var | core.Literal) -> Numbers:
+    def read(atom: core.Var | core.Literal) -> Scalars:
         return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
 
     for equation in jaxpr.eqns:
@@ -210,7 +212,7 @@ def _interpret(jaxpr: core.Jaxpr, consts: Sequence[Numbers], inputs: Sequence[Nu
     return [read(v) for v in jaxpr.outvars]
 
 
-def _used(jaxpr: core.Jaxpr) -> list[PyTree]:
+def _used(jaxpr: core.Jaxpr) -> list[core.JaxprEqn]:
     """The equations that something comes of."""
     wanted, used = {v for v in jaxpr.outvars if not isinstance(v, core.Literal)}, []
     for equation in reversed(jaxpr.eqns):
@@ -220,7 +222,7 @@ def _used(jaxpr: core.Jaxpr) -> list[PyTree]:
     return used[::-1]
 
 
-def _constants(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: tuple[PyTree, ...], once: Once) -> list[PyTree]:
+def _constants(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: tuple[Scalar, ...], once: Once) -> list[Scalar]:
     """An equation on constants; once, or the loop would carry two numbers, and then all that follows from them."""
     name = equation.primitive.name
     if name in STRUCTURAL and not any(isinstance(x, jax.Array) for x in inputs):
@@ -230,7 +232,7 @@ def _constants(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: tuple[PyTree,
     return [outputs] if simple else outputs
 
 
-def _hoist(closed: core.ClosedJaxpr) -> tuple[PyTree, list[Numbers]]:
+def _hoist(closed: core.ClosedJaxpr) -> tuple[core.Jaxpr, list[Scalars]]:
     """What depends on constants alone, computed here and once: a jaxpr without it, and its longer list of constants."""
     jaxpr, known, rest, once = closed.jaxpr, dict(zip(closed.jaxpr.constvars, closed.consts, strict=True)), [], Once()
     for equation in _used(jaxpr):

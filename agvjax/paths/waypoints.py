@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, Real, number, pytree, structure
+from .._pytree import POSITIVE, Numbers, Real, number, pytree, structure
 from ..geometry import bearing
 from ..protocols import Path
 
+Values = TypeVar("Values", Array, np.ndarray)
 PARTS = 8  # of a segment between two points, on which integrals are taken by Gauss' rule; halved where that is too few
 FIRST, MOST = 8, 2**16  # pieces of a segment to begin with; pieces in all beyond which the fit is given up
 OFF, SLOW = 1e-8, 1e-4  # how far off it may be: in position, of the path's size, and in velocity, of the speed there
@@ -40,13 +42,13 @@ class Waypoints(Path):
     `duration` runs the same path faster or slower.
     """
 
-    points: Any  # (N, 3): x [m], y [m], speed [m/s]
-    coefficients: Any  # (M, 6, 2) m, of the powers of the share of each of M pieces of equal duration
+    points: Numbers  # (N, 3): x [m], y [m], speed [m/s]
+    coefficients: Numbers  # (M, 6, 2) m, of the powers of the share of each of M pieces of equal duration
     duration: Real | np.ndarray = number(1.0, "s", POSITIVE)
     closed: bool = structure(False)
 
     @classmethod
-    def through(cls, points: Any, speed: Any = None, closed: bool = False) -> Waypoints:
+    def through(cls, points: ArrayLike, speed: ArrayLike | None = None, closed: bool = False) -> Waypoints:
         """The path through points (N, 2) [m] at a speed, one for all or one for each [m/s]; 1 m/s where none is given.
 
         Through the points runs a cubic spline over the length of the chords, periodic where closed; the speed is a
@@ -86,7 +88,7 @@ class Waypoints(Path):
         """When [s] an open path stops at its last point."""
         return np.inf if self.closed else float(self.duration)
 
-    def _piece(self, t: Any) -> tuple[Any, Any, Any]:
+    def _piece(self, t: Array) -> tuple[Array, Array, Real | np.ndarray]:
         """The piece that is run at `t` [s], how much of it has been run, and how many there are in a second."""
         count = self.coefficients.shape[0]
         if self.closed:
@@ -118,7 +120,7 @@ class Waypoints(Path):
         return _powers(position, share), _powers(rate, share), _powers(_slope(rate) * pace, share)
 
 
-def _powers(coefficients: Any, x: Any) -> Any:
+def _powers(coefficients: Values, x: Values) -> Values:
     """A polynomial by Horner's rule: coefficients (..., k, 2) from the constant on, at x (...)."""
     value = coefficients[..., -1, :]
     for k in range(coefficients.shape[-2] - 2, -1, -1):
@@ -126,7 +128,7 @@ def _powers(coefficients: Any, x: Any) -> Any:
     return value
 
 
-def _slope(coefficients: Any) -> Any:
+def _slope(coefficients: Values) -> Values:
     """The coefficients of a polynomial's derivative."""
     powers = np.arange(1, coefficients.shape[-2]).astype(coefficients.dtype)[:, None]
     return coefficients[..., 1:, :] * powers.reshape((1,) * (coefficients.ndim - 2) + powers.shape)
@@ -234,7 +236,7 @@ class _Motion:
         return self.curve(p[np.argmax(turn)]), float(turn.max())
 
 
-def _checked(points: Any, speed: Any, closed: bool) -> np.ndarray:
+def _checked(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> np.ndarray:
     """Points and speeds as rows (N, 3), found usable."""
     points = _numbers("points", points)
     if points.ndim != 2 or points.shape[1] != 2:
@@ -264,7 +266,7 @@ def _checked(points: Any, speed: Any, closed: bool) -> np.ndarray:
     return np.column_stack([points, np.broadcast_to(speeds, len(points))])
 
 
-def _numbers(name: str, given: Any) -> np.ndarray:
+def _numbers(name: str, given: ArrayLike) -> np.ndarray:
     try:
         return np.asarray(given, float)
     except (ValueError, TypeError) as error:
