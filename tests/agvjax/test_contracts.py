@@ -154,13 +154,9 @@ def test_old_names_of_a_law_without_a_base_still_say_the_same():
 
 
 def test_a_plant_without_a_base_moves():
-    body = {
-        name: getattr(agvjax.Decoupled, name)
-        for name in ("start", "allocate", "derivative", "output", "deadzones", "_coupled")
-    }
+    body = {name: part for name, part in vars(agvjax.Decoupled).items() if not name.startswith("__")}
     fields = {"L": float, "yaw_rate": agvjax.DeliveredYawRate, "coupling": agvjax.TurnedVelocity}
-    body |= {"__annotations__": fields, "actuators": ("position", "heading"), "feedthrough": True}
-    body |= {"L": 0.5, "yaw_rate": agvjax.DeliveredYawRate(), "coupling": agvjax.TurnedVelocity()}
+    body |= {"__annotations__": fields}
     body["needs"] = lambda self, v, w, a, alpha: {"position": v + a}
     without, _ = of_a_base("Plant", body)
     one = agvjax.simulate(NeuroBackstepping(), Scenario(plant=without()), n_steps=30)
