@@ -15,9 +15,7 @@ class Command:
 
     position: Float[Array, "2"]  # m/s^2
     heading: Float[Array, ""]  # rad/s
-    inputs: dict[str, Array] | None = (
-        None  # {actuator: input}, of a law that allocates for itself; None: the plant does
-    )
+    inputs: Any = None  # {actuator: input}, of a law that allocates for itself; None: the plant does
 
 
 @pytree

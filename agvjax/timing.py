@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ._pytree import Real
 from .integrate import RK4, Integrator
 
 DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
@@ -20,7 +19,7 @@ class Timing(Mapping[str, Any]):
         ValueError: fewer than one step, in all or between two control instants.
     """
 
-    dt: Real = DT  # s, may be traced
+    dt: Any = DT  # s, may be traced
     n_steps: int = N_STEPS
     control_every: int = 1  # steps between control instants
     integrator: Integrator = RK4
