@@ -19,6 +19,7 @@ from agvjax.protocols import Disturbance, Element, Heading, Law, Plant, Sensor
 from agvjax.protocols import Path as ReferencePath
 
 from .names import CLASSES, Classes
+from .spellings import Toml
 
 PLACES = {
     Law: ("controller", "controller.inner"),
@@ -61,14 +62,23 @@ def load_files(paths: Iterable[str]) -> dict[str, str]:
     return imports
 
 
-def missing(table: Mapping[str, object], imports: Mapping[str, str]) -> list[agvjax.Fault]:
-    """The files that a configuration names and nobody gave, or gave with another content."""
-    return [
-        agvjax.Fault(f"imports.{name}", digest, f"the SHA-256 of a file that was given: give --import {name}{other}")
-        for name, digest in table.items()
-        if imports.get(name) != digest
-        for other in ([f" with this content; that of the one given is {imports[name]}"] if name in imports else [""])
-    ]
+def claimed(table: Mapping[str, Toml], given: Mapping[str, str]) -> dict[str, str]:
+    """The files of a table's [imports] and those `given` with it; each was given to this process, now or before.
+
+    Raises:
+        agvjax.InputError: one was not, or with another content.
+    """
+    imports, faults = table.get("imports", {}), []
+    if not isinstance(imports, Mapping):
+        raise agvjax.InputError([agvjax.Fault("imports", repr(imports), "a table of files with their SHA-256")])
+    for name, digest in imports.items():
+        if str(digest) not in _FILES or given.get(name, digest) != digest:
+            other = f" with this content; that of the one given is {given[name]}" if name in given else ""
+            rule = f"the SHA-256 of a file that was given: give --import {name}{other}"
+            faults.append(agvjax.Fault(f"imports.{name}", digest, rule))
+    if faults:
+        raise agvjax.InputError(faults)
+    return {**imports, **given}
 
 
 def classes(imports: Mapping[str, str]) -> Classes:

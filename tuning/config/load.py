@@ -10,8 +10,8 @@ from pathlib import Path
 
 import agvjax
 
-from . import imports as files_of_classes
-from .old import present
+from .imports import claimed, classes, load_files
+from .old import present, warned
 from .read import Reader
 from .rules import Rules, checked, faults
 from .settings import VERSION, Config
@@ -20,17 +20,13 @@ from .spellings import KINDS, Toml
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
 
 
-def _warned(text: str) -> None:
-    warnings.warn(text, DeprecationWarning, stacklevel=3)
-
-
 def load(
     files: Sequence[str],
     overrides: Sequence[str] = (),
     rules: Rules | str = faults,
     more: Mapping[str, Toml] | None = None,
     imports: Sequence[str] = (),
-    note: Callable[[str], None] = _warned,
+    note: Callable[[str], None] = warned,
 ) -> Config:
     """The defaults, each file, each `key=value`, then `more` by dotted key; completed and checked.
 
@@ -45,11 +41,10 @@ def load(
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    given, table = files_of_classes.load_files(imports), {}
+    given, table = load_files(imports), {}
     for name in files:
         part = parsed(name)
-        if missing := files_of_classes.missing(part.get("imports", {}), given):
-            raise agvjax.InputError(missing)
+        claimed(part, given)
         _merge(table, present(part, note))
     for text in overrides:
         _merge(table, present(_override(text), note))
@@ -64,14 +59,13 @@ def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Seq
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    version, given = table.get("version", VERSION), files_of_classes.load_files(imports)
+    version = table.get("version", VERSION)
     if version != VERSION:
         raise agvjax.InputError([agvjax.Fault("version", repr(version), f"{VERSION}, the file format of this release")])
-    if missing := files_of_classes.missing(table.get("imports", {}), given):
-        raise agvjax.InputError(missing)
-    reader = Reader(files_of_classes.classes(given))
+    files = claimed(table, load_files(imports))
+    reader = Reader(classes(files))
     table = present({name: part for name, part in table.items() if name != "imports"}, lambda text: None)
-    config = reader.config(table, Config(imports=given))
+    config = reader.config(table, Config(imports=files))
     return checked(config, _rules(rules) if isinstance(rules, str) else rules, reader.faults)
 
 

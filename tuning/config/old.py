@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import warnings
 from collections.abc import Callable, Mapping
 
 from agvjax.metric_table import OLD_NAMES
@@ -15,6 +16,11 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
     "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
 }
+
+
+def warned(text: str) -> None:
+    """What is old, to whoever wrote it in Python."""
+    warnings.warn(text, DeprecationWarning, stacklevel=3)
 
 
 def present(table: Mapping[str, Toml], note: Callable[[str], None], key: str = "") -> dict[str, Toml]:

@@ -12,6 +12,7 @@ from agvjax.protocols import Disturbance, Heading, Law, Path, Plant, Sensor
 from ..ensemble.draws import correlated
 from .complete import complete
 from .imports import classes
+from .old import present, warned
 from .read import Reader
 from .settings import Config
 from .write import table_of
@@ -48,7 +49,7 @@ def check(config: Config, rules: Rules = faults) -> Config:
     table, writer = table_of(config, settings=True)
     reader = Reader(classes(config.imports))
     bare = Config(controller=config.controller, scenario=config.scenario, imports=config.imports)
-    settings, said = reader.config(table, bare), {fault.key for fault in writer.faults}
+    settings, said = reader.config(present(table, warned), bare), {fault.key for fault in writer.faults}
     return checked(settings, rules, writer.faults + [fault for fault in reader.faults if fault.key not in said])
 
 

@@ -104,7 +104,7 @@ def test_nothing_is_drawn_by_default_that_the_scenario_has_not():
 # --------------------------------------------------------------------------------------- what is wrong is said the same
 
 BAD = [
-    (Tune(goals={"rmsee": Weights(mean=1.0)}), "tune.goals.rmsee", "did you mean"),
+    (Tune(goals={"total_rmsee": Weights(mean=1.0)}), "tune.goals.total_rmsee", "did you mean"),
     (Tune(gains=("nope",)), "tune.gains", "leaves of the controller"),
     (Tune(gains="k1"), "tune.gains", "a list of names"),
     (Tune(dt=5.0), "tune.dt", "at most"),
