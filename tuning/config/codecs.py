@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import agvjax
 from agvjax.metric_table import METRICS, metrics_of
 
 from ..ensemble.draws import Correlation
 from .settings import Bound, Limit, Weights, default_limits
-from .spellings import KINDS, Toml, column, draw, flat, gain, numbers, pair, span, spelled
+from .spellings import KINDS, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
 
 if TYPE_CHECKING:
     from .read import Reader
     from .write import Writer
 
 
-def _as_it_is(writer: Writer, key: str, value: Any) -> Toml:
+def _as_it_is(writer: Writer, key: str, value: Setting) -> Toml:
     return value
 
 
@@ -33,8 +33,8 @@ class Codec:
         setting: what `write` takes; anything else is left as it is, to be refused when it is read.
     """
 
-    read: Callable[[Reader, str, Any, Toml], Any]
-    write: Callable[[Writer, str, Any], Toml] = _as_it_is
+    read: Callable[[Reader, str, Setting, Toml], Setting]
+    write: Callable[[Writer, str, Setting], Toml] = _as_it_is
     table: type = Mapping
     rule: str = "a table"
     setting: type | tuple[type, ...] = Mapping
@@ -44,7 +44,7 @@ def _names(least: int = 1) -> Codec:
     """A list of names; at `least` so many."""
     rule = "a list of names, at least one"
 
-    def read(reader: Reader, key: str, default: Any, table: list[Toml]) -> tuple[str, ...]:
+    def read(reader: Reader, key: str, default: Setting, table: list[Toml]) -> tuple[str, ...]:
         if len(table) < least or not all(isinstance(name, str) for name in table):
             reader.wrong(key, table, rule)
         return tuple(table)
@@ -52,13 +52,13 @@ def _names(least: int = 1) -> Codec:
     return Codec(read, table=list, rule=rule)
 
 
-def _named(one: Callable[[Toml, str], Any], kinds: Sequence[str] = ()) -> Codec:
+def _named(one: Callable[[Toml, str], Setting], kinds: Sequence[str] = ()) -> Codec:
     """A table of values by name, which `one` makes or raises ValueError with the rule.
 
     A name with dots may be written as tables in tables; a table with one of the `kinds` in it is a value.
     """
 
-    def read(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> dict[str, Any]:
+    def read(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, Setting]:
         values = {}
         for name, value in flat(table, kinds):
             try:
@@ -74,22 +74,22 @@ def _axes() -> Codec:
     """The axes of a sweep: a list of tables, in each the leaves that move as one."""
     axis, rule = _named(span, KINDS), "a list of tables of leaves: [[sweep.over]]"
 
-    def read(reader: Reader, key: str, default: Any, table: list[Toml]) -> tuple[dict[str, Any], ...]:
+    def read(reader: Reader, key: str, default: Setting, table: list[Toml]) -> tuple[dict[str, Setting], ...]:
         if not all(isinstance(part, Mapping) and part for part in table):
             reader.wrong(key, table, rule)
             return default
         return tuple(axis.read(reader, key, None, part) for part in table)
 
-    def write(writer: Writer, key: str, value: Sequence[Any]) -> Toml:
+    def write(writer: Writer, key: str, value: Sequence[Setting]) -> Toml:
         return [axis.write(writer, key, part) if isinstance(part, Mapping) else part for part in value]
 
     return Codec(read, write, list, rule, (list, tuple))
 
 
 def _judged(
-    of: Callable[[float], Any],
+    of: Callable[[float], Setting],
     names: Collection[str] = (),
-    base: Callable[[agvjax.Plant], Mapping[str, Any]] = lambda plant: {},
+    base: Callable[[agvjax.Plant], Mapping[str, Setting]] = lambda plant: {},
     blank: str = "",
 ) -> Codec:
     """Tables of one dataclass by metric, or numbers that stand for one; what is the default is not written.
@@ -102,7 +102,7 @@ def _judged(
     """
     usual = type(of(1.0))()
 
-    def read(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> dict[str, Any]:
+    def read(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, Setting]:
         values, taken = dict(base(reader.plant)), []
         for name, value in table.items():
             part = f"{key}.{name}"
@@ -115,10 +115,10 @@ def _judged(
                 values[name] = of(reader.plain(part, 1.0, value))
         return {name: value for name, value in values.items() if name not in taken}
 
-    def write(writer: Writer, key: str, values: Mapping[str, Any]) -> Toml:
+    def write(writer: Writer, key: str, values: Mapping[str, Setting]) -> Toml:
         return {name: one(x) for name, x in {**dict.fromkeys(base(writer.plant), usual), **values}.items()}
 
-    def one(value: Any) -> Toml:
+    def one(value: Setting) -> Toml:
         if type(value) is not type(usual):
             return value
         changed = {n: x for n, x in vars(value).items() if x != getattr(usual, n)}
@@ -131,7 +131,7 @@ def _default_limits(plant: agvjax.Plant) -> dict[str, Limit]:
     return {name: limit for name, limit in default_limits().items() if name in metrics_of(plant)}
 
 
-def _correlation(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> Correlation | None:
+def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> Correlation | None:
     leaves, rows = (table["leaves"], table["matrix"]) if set(table) == {"leaves", "matrix"} else (None, None)
     matrix = numbers(rows) if isinstance(leaves, list) and isinstance(rows, list) else None
     if not leaves or matrix is None or matrix.ndim != 2 or not all(isinstance(name, str) for name in leaves):
@@ -140,13 +140,13 @@ def _correlation(reader: Reader, key: str, default: Any, table: Mapping[str, Tom
     return Correlation(tuple(leaves), tuple(tuple(row) for row in matrix.tolist()))
 
 
-def _slope(reader: Reader, key: str, default: Any, table: Toml) -> Any:
+def _slope(reader: Reader, key: str, default: Setting, table: Toml) -> Setting:
     """A believed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
     known = isinstance(table, Mapping)
     return reader.fields(key, agvjax.readings.KnownSlopes(), table) if known else reader.plain(key, 1.0, table)
 
 
-def _deadzones(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
+def _deadzones(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
     """By actuator a table that changes the nominal deadzone, or "none" for an actuator without one."""
     for name in set(table) - set(reader.plant.actuators):
         reader.unknown(f"{key}.{name}", table[name], reader.plant.actuators)
@@ -158,12 +158,12 @@ def _deadzones(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]
     }
 
 
-def _write_deadzones(writer: Writer, key: str, value: Mapping[str, Any]) -> Toml:
+def _write_deadzones(writer: Writer, key: str, value: Mapping[str, Setting]) -> Toml:
     tables = {name: writer.write(f"{key}.{name}", part, agvjax.Deadzone()) for name, part in value.items()}
     return tables | {name: "none" for name in writer.plant.deadzones() if name not in value}
 
 
-def _chains(reader: Reader, key: str, default: Any, table: Mapping[str, Toml]) -> dict[str, agvjax.Chain]:
+def _chains(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, agvjax.Chain]:
     """By actuator a table of elements in the order of the signal, of the type that its name says unless it has one."""
     if not all(isinstance(chain, Mapping) for chain in table.values()):
         reader.wrong(key, table, CHAINS)
@@ -187,7 +187,7 @@ def _chain(reader: Reader, key: str, table: Mapping[str, Toml]) -> agvjax.Chain:
     return agvjax.Chain(**parts)
 
 
-def _write_chains(writer: Writer, key: str, value: Mapping[str, Any]) -> Toml:
+def _write_chains(writer: Writer, key: str, value: Mapping[str, Setting]) -> Toml:
     return {
         name: {part: writer.typed(f"{key}.{name}.{part}", x, "elements") for part, x in chain.items()}
         for name, chain in value.items()

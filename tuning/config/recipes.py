@@ -10,6 +10,7 @@ import numpy as np
 import agvjax
 
 from ..io.csv_file import read
+from .spellings import Toml
 
 
 class Recipe(NamedTuple):
@@ -19,11 +20,11 @@ class Recipe(NamedTuple):
     """
 
     keys: tuple[str, ...]
-    make: Callable[[Mapping[str, Any]], Any]
-    table: Callable[[Any], dict[str, Any]]
+    make: Callable[[Mapping[str, Toml]], agvjax.Path | agvjax.Disturbance]
+    table: Callable[[Any], dict[str, Toml]]
 
 
-def _waypoints(table: Mapping[str, Any]) -> agvjax.Waypoints:
+def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
     """From `file` or `points`, `closed`, and `speed` where the points bring none."""
     closed = table.get("closed", False)
     if not isinstance(closed, bool):
@@ -48,7 +49,7 @@ def _waypoints(table: Mapping[str, Any]) -> agvjax.Waypoints:
         _wrong(key, _short(table[key]), f"what a path can be made of ({error})")
 
 
-def _recorded(table: Mapping[str, Any]) -> agvjax.Recorded:
+def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
     """From `file`, or `times` and `values`; and `amplitude`, a factor."""
     if _source(table, "times") == "file":
         if "values" in table:
@@ -67,12 +68,12 @@ def _recorded(table: Mapping[str, Any]) -> agvjax.Recorded:
             _wrong(
                 "values", _short(table["values"]), f"a list of {times.size} finite [x, y, heading], one for each time"
             )
-    factor: Any = _array({"amplitude": 1.0} | dict(table), "amplitude", "a number or one for each of three channels")
+    factor: Any = _array({"amplitude": 1.0, **table}, "amplitude", "a number or one for each of three channels")
     return agvjax.Recorded(times=times, values=values, amplitude=factor if factor.ndim else float(factor))
 
 
 CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
-RECIPES: dict[Any, Recipe] = {
+RECIPES: dict[type, Recipe] = {
     agvjax.Waypoints: Recipe(
         ("file", "points", "speed", "closed"),
         _waypoints,
@@ -86,7 +87,7 @@ RECIPES: dict[Any, Recipe] = {
 }
 
 
-def _source(table: Mapping[str, Any], inline: str) -> str:
+def _source(table: Mapping[str, Toml], inline: str) -> str:
     """Which of the two ways the numbers are given."""
     given = [name for name in ("file", inline) if name in table]
     if not given:
@@ -96,7 +97,7 @@ def _source(table: Mapping[str, Any], inline: str) -> str:
     return given[0]
 
 
-def _file(name: Any, columns: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
+def _file(name: Toml, columns: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
     if not isinstance(name, str):
         _wrong("file", name, "the name of a file")
     try:
@@ -106,7 +107,7 @@ def _file(name: Any, columns: Sequence[str], optional: Sequence[str]) -> dict[st
         _wrong("file", name, f"a CSV file with the columns {', '.join(columns)}{also} ({error})")
 
 
-def _array(table: Mapping[str, Any], name: str, rule: str) -> np.ndarray:
+def _array(table: Mapping[str, Toml], name: str, rule: str) -> np.ndarray:
     """Numbers of a table."""
     given = table.get(name)
     try:
@@ -118,10 +119,10 @@ def _array(table: Mapping[str, Any], name: str, rule: str) -> np.ndarray:
     _wrong(name, _short(given), rule)
 
 
-def _short(given: Any) -> Any:
+def _short(given: Toml) -> Toml:
     text = repr(given)
     return given if len(text) < 80 else f"{text[:60]} ... ({len(text)} characters)"
 
 
-def _wrong(key: str, value: Any, rule: str) -> NoReturn:
+def _wrong(key: str, value: Toml, rule: str) -> NoReturn:
     raise agvjax.InputError([agvjax.Fault(key, value, rule)])

@@ -11,6 +11,7 @@ from ..ensemble.draws import Between, Correlated, Distribution, Draw, OneOf, Spa
 from ..io.csv_file import Column
 
 Toml = Any  # what a file may hold, or a person may have put in its place
+Setting = Any  # what that stands for: a number, a word, an object of the simulator or of the settings
 KINDS = ("between", "times", "one_of", "distribution")  # of draws
 
 
@@ -134,6 +135,6 @@ SPELLED = {
 }
 
 
-def spelled(value: Any) -> Toml:
+def spelled(value: Setting) -> Toml:
     """What is written for a value; for one that is of no such kind the value."""
     return SPELLED[type(value)](value) if type(value) in SPELLED else value

@@ -26,6 +26,7 @@ from tuning import (
     Tune,
     Weights,
     pose,
+    run_sweep,
 )
 from tuning.config import check, dump, load
 from tuning.config.load import resolve
@@ -167,6 +168,19 @@ def test_a_step_that_does_not_divide_the_control_interval_is_refused():
     config = check(Config(simulate=Simulate(control_every=20), tune=Tune(dt=5e-3), sweep=Sweep(dt=1e-2)))
     assert [config.timing(name).control_every for name in ("simulate", "tune", "sweep")] == [20, 4, 2]
     assert Config().timing("sweep").control_every == 1
+
+
+def test_a_sweep_keeps_the_control_interval_of_the_runs(tmp_path):
+    """A law that jumps at control instants is swept at the interval at which it is simulated: 20 ms, and not 10."""
+    law, values = agvjax.FractionalBackstepping(), (0.5, 1.0)
+    simulate = Simulate(control_every=20, horizon=2.0)
+    over = ({"deadzone.position.threshold_right": Span(OneOf(values), 2)},)
+    config = Config(controller=law, simulate=simulate, sweep=Sweep(over=over, metrics=("total_rmse",), shard=2))
+    swept = run_sweep(config, tmp_path / "sweep").metrics["total_rmse"]
+    batch = agvjax.batch(Scenario(), {"deadzone.position.threshold_right": np.array(values)})
+    direct = {n: agvjax.evaluate(law, batch, dt=1e-2, n_steps=200, control_every=n).total_rmse for n in (1, 2)}
+    np.testing.assert_allclose(swept[0], direct[2], rtol=1e-9)
+    assert np.all(np.abs(direct[1] - direct[2]) > 1e-4)  # the interval matters
 
 
 # ------------------------------------------------------------------------------------------------ written and read back
