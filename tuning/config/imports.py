@@ -62,23 +62,22 @@ def load_files(paths: Iterable[str]) -> dict[str, str]:
     return imports
 
 
-def claimed(table: Mapping[str, Toml], given: Mapping[str, str]) -> dict[str, str]:
-    """The files of a table's [imports] and those `given` with it; each was given to this process, now or before.
+def claim(table: Mapping[str, Toml], given: Mapping[str, str]) -> None:
+    """Refuse a table whose [imports] name a file that was not `given` with it, or was with another content.
 
     Raises:
-        agvjax.InputError: one was not, or with another content.
+        agvjax.InputError: names every such file and its SHA-256.
     """
     imports, faults = table.get("imports", {}), []
     if not isinstance(imports, Mapping):
         raise agvjax.InputError([agvjax.Fault("imports", repr(imports), "a table of files with their SHA-256")])
     for name, digest in imports.items():
-        if str(digest) not in _FILES or given.get(name, digest) != digest:
+        if given.get(name) != digest:
             other = f" with this content; that of the one given is {given[name]}" if name in given else ""
             rule = f"the SHA-256 of a file that was given: give --import {name}{other}"
             faults.append(agvjax.Fault(f"imports.{name}", digest, rule))
     if faults:
         raise agvjax.InputError(faults)
-    return {**imports, **given}
 
 
 def classes(imports: Mapping[str, str]) -> Classes:

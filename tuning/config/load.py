@@ -10,7 +10,7 @@ from pathlib import Path
 
 import agvjax
 
-from .imports import claimed, classes, load_files
+from .imports import claim, classes, load_files
 from .old import present, warned
 from .read import Reader
 from .rules import Rules, checked, faults
@@ -44,7 +44,7 @@ def load(
     given, table = load_files(imports), {}
     for name in files:
         part = parsed(name)
-        claimed(part, given)
+        claim(part, given)
         _merge(table, present(part, note))
     for text in overrides:
         _merge(table, present(_override(text), note))
@@ -62,7 +62,8 @@ def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Seq
     version = table.get("version", VERSION)
     if version != VERSION:
         raise agvjax.InputError([agvjax.Fault("version", repr(version), f"{VERSION}, the file format of this release")])
-    files = claimed(table, load_files(imports))
+    files = load_files(imports)
+    claim(table, files)
     reader = Reader(classes(files))
     table = present({name: part for name, part in table.items() if name != "imports"}, lambda text: None)
     config = reader.config(table, Config(imports=files))

@@ -56,7 +56,7 @@ def test_a_class_of_each_kind_is_known_by_its_name_and_written_with_its_file():
     assert config.imports == {"own.py": DIGEST}
     table = tomllib.loads(dump(config))
     assert table["imports"] == {"own.py": DIGEST} and table["scenario"]["plant"]["type"] == "Omni"
-    again = resolve(table)
+    again = resolve(table, imports=[OWN])
     assert dump(again) == dump(config) and type(again.scenario.plant) is type(scenario.plant)
     gains = tomllib.loads(gains_table(config.controller))
     assert gains["imports"] == table["imports"] and gains["controller"]["type"] == "Spring"
@@ -146,4 +146,4 @@ def test_a_run_of_ones_own_classes_and_its_replay(tmp_path):
     run(["simulate", "--import", OWN, "--config", str(out / "config.toml"), "--out", str(tmp_path / "again")])
     assert (out / "config.toml").read_bytes() == (tmp_path / "again" / "config.toml").read_bytes()
     assert (out / "trajectory.npz").read_bytes() == (tmp_path / "again" / "trajectory.npz").read_bytes()
-    assert isinstance(load([str(out / "config.toml")]).scenario.plant, agvjax.Plant)
+    assert isinstance(load([str(out / "config.toml")], imports=[OWN]).scenario.plant, agvjax.Plant)
