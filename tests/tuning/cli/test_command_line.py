@@ -595,3 +595,19 @@ def test_help_of_every_command_starts_without_jax():
     for name in cli.COMMANDS:
         assert f"usage: agvjax {name} " in done.stdout
         assert any(line.split()[:1] == [name] for line in said), name
+
+
+BEFORE = """
+from jax._src import xla_bridge
+from tuning import config
+from tuning.tune.rules import faults
+for files in ([], ["unicycle"], ["car"], ["robot"]):
+    for optimizer in ("sqp", "adam", "lbfgs"):
+        config.load(files, [f"tune.optimizer={optimizer}"], faults)
+assert not xla_bridge.backends_are_initialized()
+"""
+
+
+def test_a_configuration_is_read_before_jax_computes():
+    """Processes that tune together meet by what it says, and JAX lets them meet before its first array only."""
+    subprocess.run([sys.executable, "-c", BEFORE], cwd=ROOT, check=True)

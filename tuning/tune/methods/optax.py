@@ -80,8 +80,9 @@ class Optax(Method):
         except Exception as error:  # optax and its optimisers raise whatever they meet
             rule = f"sqp, or an optimiser of optax that takes a learning rate, and options it knows ({error})"
             return [Fault("tune.optimizer", name, rule)]
+        point = jax.ShapeDtypeStruct((2,), jnp.result_type(float))  # not an array: processes meet before JAX computes
         try:
-            jax.eval_shape(lambda z: _updated(maker, z, maker.init(z), z, jnp.sum(z), jnp.sum), jnp.zeros(2))
+            jax.eval_shape(lambda z: _updated(maker, z, maker.init(z), z, jnp.sum(z), jnp.sum), point)
         except Exception as error:  # as above
             rule = f"an optimiser of optax that needs no more than a cost, its gradient and these options ({error})"
             return [Fault("tune.optimizer", name, rule)]
