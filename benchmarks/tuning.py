@@ -62,7 +62,7 @@ def contest(
     middle = tuner.gains.coordinates(tuner.controller)
     shift = np.random.default_rng(seed).uniform(-SPREAD, SPREAD, middle.size) if seed else np.zeros(middle.size)
     start = np.asarray(middle) + shift
-    _ = tuner.reference
+    _ = tuner.baseline
     if method in OURS:
         tuner.advance(tuner.begin(start))  # compiles
         recorder, progress = Recorder(10**9), tuner.begin(start)
