@@ -31,14 +31,22 @@ ANY = Rule("finite", lambda x: np.isfinite(x))
 
 
 def number(
-    default: Any, unit: str = "1", rule: Rule = ANY, source: str = "", shape: tuple[int | None, ...] = ()
+    default: Any,
+    unit: str = "1",
+    rule: Rule = ANY,
+    source: str = "",
+    shape: tuple[int | None, ...] = (),
+    above: str = "",
 ) -> Any:
     """A traced leaf: its default, unit, rule and source; `shape` names the array it may be besides a scalar.
 
-    A `None` in `shape` stands for any length. An array default is copied for each object.
+    A `None` in `shape` stands for any length. A leaf whose default is an array must be one, and the default is copied
+    for each object. `above` names another field of the object that this one must lie above.
     """
-    metadata = {"unit": unit, "rule": rule, "source": source, "shape": shape}
-    if isinstance(default, (list, tuple)):
+    several = isinstance(default, (list, tuple))
+    metadata = {"unit": unit, "rule": rule, "source": source, "above": above}
+    metadata["shapes"] = (shape,) if several else ((), shape)
+    if several:
         return dataclasses.field(default_factory=lambda: np.array(default, float), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 

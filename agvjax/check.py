@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +11,7 @@ from jaxtyping import PyTree
 
 from .errors import Fault, InputError
 from .integrate import Integrator
-from .leaves import cast, children
+from .leaves import cast, children, fits, metadata
 from .protocols import Law
 from .scenario import Scenario
 
@@ -23,29 +21,35 @@ COARSE = 0.01  # error of a mode beyond which a step is worth a word
 
 def faults(tree: PyTree, name: str = "") -> list[Fault]:
     """Every number in a controller or scenario that breaks the rule written beside its field."""
-    found = []
-    fields = {f.name: f.metadata for f in dataclasses.fields(tree)} if dataclasses.is_dataclass(tree) else {}
+    listed = []
     for part, value in children(tree).items():
         key = f"{name}.{part}" if name else part
         if children(value):
-            found += faults(value, key)
-        elif "rule" in fields.get(part, {}):
-            found += _broken(key, value, fields[part])
-    return found
+            listed += faults(value, key)
+        elif "rule" in metadata(tree, part):
+            listed += _broken(key, tree, part)
+    return listed
 
 
-def _broken(key: str, value: object, field: Mapping[str, Any]) -> list[Fault]:
-    rule, source, shape = field["rule"], field["source"], field["shape"]
-    array = np.asarray(value)
+def _broken(key: str, tree: PyTree, part: str) -> list[Fault]:
+    field, value = metadata(tree, part), children(tree)[part]
+    rule, source, shapes = field["rule"], field["source"], field["shapes"]
+    wanted = " or ".join(dict.fromkeys("a number" if s == () else f"an array of shape {s}" for s in shapes))
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return [Fault(key, value, wanted, source)]
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
         return [Fault(key, repr(value), f"a number, {rule.text}", source)]
-    fits = array.shape == shape or (array.ndim == 1 and shape == (None,)) or (array.shape == () and shape != (None,))
-    if not fits or array.size == 0:
-        wanted = "a number" if shape == () else f"an array of shape {shape}"
+    if not fits(tree, part, array.shape) or array.size == 0:
         return [Fault(key, f"shape {array.shape}", wanted, source)]
     if not np.all(np.isfinite(array)) or not np.all(rule.holds(array)):
         text = rule.text if "finite" in rule.text else f"finite and {rule.text}"
         return [Fault(key, value if array.ndim == 0 else array.tolist(), text, source)]
+    least = field["above"]
+    low = np.asarray(children(tree)[least] if least and not _broken(least, tree, least) else -np.inf)
+    if np.any(array <= low):
+        return [Fault(key, array.tolist(), f"above {least} = {low.tolist()}", source)]
     return []
 
 

@@ -135,7 +135,7 @@ class BandLimitedNoise(Scaled):
 
     amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))
     low: Real = number(1.0, "rad/s", NONNEGATIVE)
-    high: Real = number(10.0, "rad/s", NONNEGATIVE)
+    high: Real = number(10.0, "rad/s", NONNEGATIVE, above="low")
     seed: Real = number(0.0, "1", NONNEGATIVE)
     terms: int = structure(32)
 

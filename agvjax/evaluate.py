@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 from ._pytree import Real, pytree, structure
 from .engine.rollout import Rollout
 from .integrate import RK4, Integrator
-from .leaves import get, replace, swap
+from .leaves import fits, get, replace, swap
 from .metrics import Criteria, Metrics
 from .protocols import Law
 from .scenario import Scenario
@@ -62,14 +62,19 @@ def batch(scenario: PyTree, values: Mapping[str, ArrayLike]) -> Batch:
 
     Raises:
         KeyError: a name is none of its leaves.
-        ValueError: nothing varies, an array has no batch axis, or the lengths differ.
+        ValueError: nothing varies, an array has no batch axis, the lengths differ, or a value has not the shape of its
+            leaf.
     """
     if not values:
         raise ValueError("batch needs at least one leaf that varies")
-    lengths = {name: np.shape(value)[0] if np.ndim(value) else None for name, value in values.items()}
+    arrays = {name: value if isinstance(value, jax.Array) else np.asarray(value) for name, value in values.items()}
+    lengths = {name: array.shape[0] if array.ndim else None for name, array in arrays.items()}
     if None in lengths.values() or len(set(lengths.values())) != 1:
         raise ValueError(f"batch needs one leading axis of the same length in every array; got {lengths}")
-    return Batch(scenario=replace(scenario, values), names=tuple(sorted(values)))
+    for name, array in arrays.items():
+        if not fits(scenario, name, array.shape[1:]):
+            raise ValueError(f"batch needs for each scenario a value of {name}; got an array of shape {array.shape}")
+    return Batch(scenario=replace(scenario, arrays), names=tuple(sorted(arrays)))
 
 
 @functools.partial(jax.jit, static_argnames=("n_steps", "control_every", "integrator", "dtype", "block", "devices"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import PyTree
 
@@ -24,7 +25,18 @@ def cast(tree: PyTree, dtype: DTypeLike) -> PyTree:
         )
         return jnp.asarray(leaf, dtype) if real else leaf
 
-    return jax.tree.map(one, tree)
+    return jax.tree.map(one, with_arrays(tree))
+
+
+def with_arrays(tree: PyTree) -> PyTree:
+    """The tree with an array wherever a field for numbers holds a list or a tuple of them, as a person writes it."""
+    written = {}
+    for name, value in children(tree).items():
+        if isinstance(value, (list, tuple)) and "rule" in metadata(tree, name):
+            written[name] = jnp.asarray(value)
+        elif children(value):
+            written[name] = with_arrays(value)
+    return swap(tree, written) if written else tree
 
 
 def children(node: PyTree) -> dict[str, PyTree]:
@@ -68,15 +80,31 @@ def get(tree: PyTree, name: str) -> PyTree:
 
 def rule_of(tree: PyTree, name: str) -> Rule | None:
     """The rule written beside the field of a dotted name; None where there is none."""
-    return _metadata(tree, name).get("rule")
+    return metadata(tree, name).get("rule")
+
+
+def fits(tree: PyTree, name: str, shape: tuple[int, ...]) -> bool:
+    """Whether the leaf of a dotted name may be an array of this shape; where no shapes are written, any."""
+    return any(s == shape or (s == (None,) and len(shape) == 1) for s in metadata(tree, name).get("shapes", (shape,)))
+
+
+def misshapen(tree: PyTree) -> str:
+    """Name, shape and what it may be of the first number that has another shape than its field; empty without one."""
+    for name, value in leaves(tree).items():
+        shape = np.shape(value)
+        if not fits(tree, name, shape):
+            allowed = " or ".join(str(s).replace("None", "N") for s in metadata(tree, name)["shapes"])
+            return f"{name} must have the shape {allowed}; got {shape}"
+    return ""
 
 
 def unit_of(tree: PyTree, name: str) -> str:
     """The unit written beside the field of a dotted name; empty where there is none."""
-    return _metadata(tree, name).get("unit", "")
+    return metadata(tree, name).get("unit", "")
 
 
-def _metadata(tree: PyTree, name: str) -> Mapping[str, Any]:
+def metadata(tree: PyTree, name: str) -> Mapping[str, Any]:
+    """What is written beside the field of a dotted name; empty where nothing is."""
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()

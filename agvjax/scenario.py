@@ -20,8 +20,8 @@ class Scenario:
 
     `deadzone` holds the deadzone of each actuator that the plant names; what else the signal runs through after it,
     limits and delays for one, is in `actuators`, a `Chain` for each that has any. `heading` None asks for the path's
-    own reading (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit` has diverged and
-    is latched.
+    own reading (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit`, its
+    position counted from where the path is and its heading without whole turns, has diverged and is latched.
     """
 
     plant: Plant = Decoupled()
@@ -32,7 +32,7 @@ class Scenario:
     heading: Heading | None = None
     sensor: Sensor | None = None
     start: Start = dataclasses.field(default_factory=Start)
-    limit: Real = number(1e3, "norm of the vehicle's state", POSITIVE)
+    limit: Real = number(1e3, "norm of the vehicle's state, relative to the path", POSITIVE)
 
     @classmethod
     def of(cls, plant: Plant, **fields: Any) -> Scenario:

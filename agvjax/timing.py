@@ -17,6 +17,7 @@ class Timing(Mapping[str, Any]):
 
     Raises:
         ValueError: fewer than one step, in all or between two control instants.
+        TypeError: an integrator that is none, its name for one.
     """
 
     dt: Any = DT  # s, may be traced
@@ -30,6 +31,8 @@ class Timing(Mapping[str, Any]):
             raise ValueError(
                 f"n_steps and control_every must be at least 1; got {self.n_steps} and {self.control_every}"
             )
+        if not isinstance(self.integrator, Integrator):
+            raise TypeError(f"integrator must be agvjax.RK4, HEUN or EULER; got {self.integrator!r}")
 
     def __getitem__(self, name: str) -> Any:
         """The value of a keyword."""

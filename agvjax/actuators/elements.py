@@ -21,7 +21,7 @@ from ..protocols import Element, Reach
 class Saturation(Element):
     """Delivers no more than `upper` and no less than `lower`."""
 
-    upper: Real = number(1.0, "unit of the command", ANY)
+    upper: Real = number(1.0, "unit of the command", ANY, above="lower")
     lower: Real = number(-1.0, "unit of the command", ANY)
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:

@@ -59,29 +59,46 @@ class LiteralFilter:
 def _second_order(x: Filtered, q: Real, period: Real) -> tuple[Array, Array]:
     """How far phi1 and phi2 move in a `period`, by phi1' = p phi2, phi2' = -2 decay phi2 - q (phi1 - alpha1).
 
-    With p = omega_n and decay = zeta omega_n:
-    M = [[0, p], [-q, -2 decay]] has expm(M T) = e^(-decay T) (C + S T (M + decay)) with C = cos d, S = sin(d) / d and
-    d^2 = (p q - decay^2) T^2; hyperbolic where that is negative, and smooth where it is 0, at the damping 1. Written
-    for the change alone: a law divides it by T, which would multiply the rounding of a difference.
+    With p = omega_n, decay = zeta omega_n and M = [[0, p], [-q, -2 decay]] it is (expm(M T) - 1) (phi1 - alpha1, phi2).
+    Written for the change alone: a law divides it by T, which would multiply the rounding of a difference.
     """
-    p, decay, y = x.omega_n, x.zeta * x.omega_n, x.phi2
-    d2 = jnp.asarray((p * q - decay**2) * period**2)
+    p, decay = x.omega_n, x.zeta * x.omega_n
+    w2 = jnp.asarray(decay**2 - p * q)
+    apart = w2 * period**2 > 1e-2  # two real poles, decay -+ w, so far apart that their difference is no cancellation
+    off, y = x.phi1 - x.alpha1, x.phi2
+    changes = _apart(jnp.where(apart, w2, 1.0), p, q, decay, period, off, y)
+    near = _together(jnp.where(apart, 0.0, -w2 * period**2), p, q, decay, period, off, y)
+    phi1, phi2 = (jnp.where(apart, a, b) for a, b in zip(changes, near, strict=True))
+    return phi1, phi2
+
+
+def _apart(w2: Array, p: Real, q: Real, decay: Real, T: Real, off: Array, y: Array) -> tuple[Array, Array]:
+    """Well damped: the sum of two modes that fade, without the hyperbolic functions, which cancel and overflow."""
+    w = jnp.sqrt(w2)
+    fast = decay + w
+    slow = p * q / fast  # decay - w
+    lost_slow, lost_fast = jnp.expm1(-slow * T), jnp.expm1(-fast * T)
+    moved = (lost_slow - lost_fast) / (2 * w)
+    phi1 = off * (fast * lost_slow - slow * lost_fast) / (2 * w) + y * p * moved
+    return phi1, y * (fast * lost_fast - slow * lost_slow) / (2 * w) - off * q * moved
+
+
+def _together(d2: Array, p: Real, q: Real, decay: Real, T: Real, off: Array, y: Array) -> tuple[Array, Array]:
+    """Complex poles or two alike: expm(M T) = e^(-decay T) (C + S T (M + decay)), C = cos d, S = sin(d) / d."""
     less, S = _cosine_less_one_and_sinc(d2)
-    off, fade, lost = x.phi1 - x.alpha1, jnp.exp(-decay * period), jnp.expm1(-decay * period)
+    fade, lost = jnp.exp(-decay * T), jnp.expm1(-decay * T)
     stay = less + lost + less * lost  # e^(-decay T) C - 1
     inner, outer = off * decay + p * y, -q * off - decay * y
-    return stay * off + fade * S * period * inner, stay * y + fade * S * period * outer
+    return stay * off + fade * S * T * inner, stay * y + fade * S * T * outer
 
 
 def _cosine_less_one_and_sinc(d2: Array) -> tuple[Array, Array]:
-    """cos(d) - 1 and sin(d) / d as functions of d^2, which may be negative."""
-    small = jnp.abs(d2) < 1e-2
-    size = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(d2)))
-    less = jnp.where(d2 > 0, -2 * jnp.sin(size / 2) ** 2, 2 * jnp.sinh(size / 2) ** 2)
-    S = jnp.where(d2 > 0, jnp.sin(size), jnp.sinh(size)) / size
+    """cos(d) - 1 and sin(d) / d as functions of d^2, which may be a little below 0."""
+    small = d2 < 1e-2
+    size = jnp.sqrt(jnp.where(small, 1.0, d2))
     near = -d2 / 2 * (1 - d2 / 12 * (1 - d2 / 30 * (1 - d2 / 56 * (1 - d2 / 90))))
     near_S = 1 - d2 / 6 * (1 - d2 / 20 * (1 - d2 / 42 * (1 - d2 / 72 * (1 - d2 / 110))))
-    return jnp.where(small, near, less), jnp.where(small, near_S, S)
+    return jnp.where(small, near, -2 * jnp.sin(size / 2) ** 2), jnp.where(small, near_S, jnp.sin(size) / size)
 
 
 @pytree

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import POSITIVE, Real, Rule, number, pytree, structure
+from ..errors import Fault
 from ..messages import Command, Measurement, Reference
-from ..protocols import Law
-from .backstepping import BacksteppingState
+from ..protocols import Law, Plant
+from .backstepping import Backstepping, BacksteppingState
 from .neuro_backstepping import NeuroBackstepping
 from .wrapping import Wrapping
 
@@ -28,7 +29,7 @@ class Oustaloup:
     """
 
     low: Real = number(1e-3, "rad/s", POSITIVE, "Oustaloup")
-    high: Real = number(3e3, "rad/s", POSITIVE, "Oustaloup")
+    high: Real = number(3e3, "rad/s", POSITIVE, "Oustaloup", above="low")
     N: int = structure(4)
 
     def modes(self, order: Real) -> tuple[Array, Array, Array]:
@@ -70,6 +71,16 @@ class FractionalBackstepping(Wrapping):
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
         """The inner law's gains, and the order."""
         return (*super().gains_to_tune(heading), "lam")
+
+    def faults(self, plant: Plant) -> list[Fault]:
+        """A law inside that has no integrals, and what of it does not suit the plant."""
+        inner = self.inner
+        while isinstance(inner, Wrapping):
+            inner = inner.inner
+        if isinstance(inner, Backstepping):
+            return super().faults(plant)
+        rule = "a backstepping law, with integrals of the errors for this order"
+        return [Fault("inner", type(inner).__name__, rule, "eqs. (25), (57)")]
 
     def hold(self, measurement: Measurement, reference: Reference) -> FractionalMemory:
         """States 0, as if there had been no error before."""
@@ -113,5 +124,8 @@ class FractionalBackstepping(Wrapping):
         return self.inner.state(flow, memory.inner)
 
 
-def _errors(rate: BacksteppingState) -> Float[Array, "3"]:
+def _errors(rate: PyTree) -> Float[Array, "3"]:
+    if not isinstance(rate, BacksteppingState):
+        kind = type(rate).__name__
+        raise TypeError(f"FractionalBackstepping needs an inner law with the integrals (25), (57); its state is {kind}")
     return jnp.concatenate([rate.beta1, rate.beta2[None]])  # the rates of the plain integrals are the errors

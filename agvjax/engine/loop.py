@@ -10,13 +10,23 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import pytree
 from ..actuators.chain import Chain
+from ..geometry import wrap
+from ..leaves import children
 from ..messages import Command, Measurement, Reference
 from ..protocols import Element, Inputs, Law, Plant, Sensor
 from ..scenario import Scenario
+
+RESOLUTION = 1e-3  # m, to which a run must know positions
+
+
+def farthest(dtype: DTypeLike) -> float:
+    """How far [m] from the origin numbers of this kind still resolve positions: 8 km in float32."""
+    return RESOLUTION / float(jnp.finfo(dtype).eps)
 
 
 @pytree
@@ -139,13 +149,21 @@ def _respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, si
     return once(response.delivered) if plant.feedthrough else response
 
 
-def inside(scenario: Scenario, state: PyTree) -> Bool[Array, ""]:
+def inside(scenario: Scenario, state: PyTree, reference: Reference) -> Bool[Array, ""]:
     """Whether a plant's state is within the scenario's limit; False for NaN too.
 
-    The vehicle alone is watched: whatever in the law diverges and matters drives it out.
+    The vehicle alone is watched: whatever in the law diverges and matters drives it out. A `position` counts from
+    where the path is, a `heading` without its whole turns: neither a map's origin nor the number of laps matters. Yet
+    a position must be one that the numbers resolve, see `RESOLUTION`: a vehicle would stand still or leap.
     """
-    square = sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(state)), start=0.0)
-    return jnp.asarray(square < scenario.limit**2)
+    parts, resolved = dict(children(state)), jnp.array(True)
+    if "position" in parts:
+        resolved = jnp.max(jnp.abs(parts["position"])) < farthest(parts["position"].dtype)
+        parts["position"] = parts["position"] - reference.position
+    if "heading" in parts:
+        parts["heading"] = wrap(parts["heading"])
+    square = sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(parts)), start=0.0)
+    return resolved & (square < scenario.limit**2)
 
 
 def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, Memory, Bool[Array, ""]]:
@@ -154,7 +172,7 @@ def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, 
     A run that does not is latched at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
     """
     plant, state = scenario.plant, scenario.plant.start(scenario.start)
-    ok = inside(scenario, state)
+    ok = inside(scenario, state, signals.reference)
     state = jax.tree.map(lambda x: jnp.where(ok, x, 0.0), state)
     measurement = plant.output(state, {name: jnp.zeros_like(state.heading) for name in plant.actuators})
     sensed = sensor(scenario).hold(measurement)

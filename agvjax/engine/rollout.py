@@ -13,7 +13,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import Real, pytree
-from ..leaves import cast
+from ..leaves import cast, misshapen
 from ..messages import Reference
 from ..paths.heading import default_heading, reference, says
 from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
@@ -80,6 +80,9 @@ class Rollout:
         dtype: DTypeLike | None,
         meter: Meter,
     ):
+        if not isinstance(scenario, Scenario):
+            kind = type(scenario).__name__
+            raise TypeError(f"scenario must be one agvjax.Scenario, after the controller; got {kind}")
         _check_contracts(controller, scenario)
         known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
         if set(scenario.deadzone) != known or not set(scenario.actuators) <= known:
@@ -87,6 +90,9 @@ class Rollout:
             raise ValueError(f"{kind} has the actuators {scenario.plant.actuators}; the scenario has {named}")
         self.dtype = jnp.dtype(jnp.result_type(float) if dtype is None else dtype)
         self.controller, self.scenario, self.meter = (cast(x, self.dtype) for x in (controller, scenario, meter))
+        for name, tree in (("controller", self.controller), ("scenario", self.scenario)):
+            if wrong := misshapen(tree):
+                raise ValueError(f"{name}.{wrong}")
         self.dt = jnp.asarray(timing.dt, self.dtype)
         self.n_steps, self.every, self.integrator = timing.n_steps, timing.control_every, timing.integrator
         period = self.controller.control_period()
@@ -154,7 +160,7 @@ class Rollout:
         signals = self.signals(row.t[0], _first(row.signals))
         flow, memory, ok = loop.start(self.controller, self.scenario, signals)
         sample = loop.derivative(self.controller, self.scenario, flow, memory, signals)[1]
-        return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.start(sample))
+        return Carry(flow=flow, memory=memory, ok=ok & (self.dt > 0), meter=self.meter.start(sample))
 
     def control(self, carry: Carry, index: Array, h: Array, signals: loop.Signals) -> loop.Memory:
         """The memory in force at this step: that of the law renewed where it is a control instant."""
@@ -185,7 +191,7 @@ class Rollout:
             return loop.derivative(self.controller, self.scenario, flow, memory, signal)
 
         flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
-        ok = carry.ok & loop.inside(self.scenario, flow.plant)
+        ok = carry.ok & loop.inside(self.scenario, flow.plant, signals[-1].reference)
         flow, memory = jax.tree.map(
             lambda new, old: jnp.where(ok, new, old), (flow, memory), (carry.flow, carry.memory)
         )

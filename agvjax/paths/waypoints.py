@@ -17,6 +17,7 @@ from ..protocols import Path
 Values = TypeVar("Values", Array, np.ndarray)
 PARTS = 8  # of a segment between two points, on which integrals are taken by Gauss' rule; halved where that is too few
 FIRST, MOST = 8, 2**16  # pieces of a segment to begin with; pieces in all beyond which the fit is given up
+REPEATED = 1e-2  # of the distances around it, below which a distance between points is a point given twice
 OFF, SLOW = 1e-8, 1e-4  # how far off it may be: in position, of the path's size, and in velocity, of the speed there
 
 
@@ -255,15 +256,26 @@ def _checked(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> np.nda
         place = f"number {np.argmax(speeds <= 0) + 1} is " if speeds.ndim else "it is "
         raise ValueError(f"speed must be > 0; {place}{speeds.flat[np.argmax(speeds <= 0)]:g}")
     after = np.roll(points, -1, axis=0) if closed else points[1:]
-    same = np.all(points[: len(after)] == after, axis=1)
-    if same.any():
-        first = int(np.argmax(same)) + 1
+    gaps = np.linalg.norm(after - points[: len(after)], axis=1)
+    around = _neighbouring(gaps, closed)
+    repeated = gaps <= REPEATED * around
+    if repeated.any():
+        first = int(np.argmax(repeated)) + 1
         second = first % len(points) + 1
-        closes = "; a closed path needs no repetition of its first point" if second == 1 else ""
+        apart = f"only {gaps[first - 1]:.3g} m apart, against {around[first - 1]:.3g} m around them"
+        closes = "; a closed path needs no repetition of its first point" if second == 1 else "; leave one out"
         raise ValueError(
-            f"points must differ from the one before; number {first} and number {second} are equal{closes}"
+            "points must differ from the one before;"
+            f" number {first} and number {second} are {apart if gaps[first - 1] else 'equal'}{closes}"
         )
     return np.column_stack([points, np.broadcast_to(speeds, len(points))])
+
+
+def _neighbouring(gaps: np.ndarray, closed: bool) -> np.ndarray:
+    """For each distance between points the usual one around it: the larger of two on either side, the smaller side."""
+    padded = np.pad(gaps, 2, mode="wrap" if closed else "constant")
+    sides = np.maximum(padded[:-4], padded[1:-3]), np.maximum(padded[3:-1], padded[4:])
+    return np.where(np.minimum(*sides) > 0, np.minimum(*sides), np.maximum(*sides))
 
 
 def _numbers(name: str, given: ArrayLike) -> np.ndarray:

@@ -65,6 +65,17 @@ def test_batch_refuses_what_does_not_vary_together():
         batch(Scenario(), {"start.heading": 0.1})
     with pytest.raises(ValueError, match="at least one"):
         batch(Scenario(), {})
+    for name, shape in (("start.position", (4,)), ("disturbance.omega", (4, 2)), ("start.heading", (4, 1))):
+        with pytest.raises(ValueError, match=f"value of {name}"):
+            batch(Scenario(), {name: np.ones(shape)})
+
+
+def test_a_list_of_values_is_a_batch():
+    one, two = (
+        evaluate(NeuroBackstepping(), batch(Scenario(), {"disturbance.amplitude": values}), n_steps=50)
+        for values in ([0.1, 0.3], np.array([0.1, 0.3]))
+    )
+    np.testing.assert_array_equal(one.rmse, two.rmse)
 
 
 SOUND = {

@@ -31,6 +31,64 @@ def test_problems_name_every_bad_leaf():
     assert check(NeuroBackstepping(k1=25), jnp.float32).k1.dtype == jnp.float32
 
 
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        (agvjax.Saturation(upper=-3.0, lower=3.0), "upper = -3.0: must be above lower = 3.0"),
+        (agvjax.Saturation(upper=-3.0), "upper = -3.0: must be above lower = -1.0"),
+        (agvjax.BandLimitedNoise(low=4.0, high=2.0), "high = 2.0: must be above low = 4.0"),
+        (agvjax.Oustaloup(low=1.0, high=1.0), "high = 1.0: must be above low = 1.0"),
+        (agvjax.Start(position=0.0), r"position = shape (): must be an array of shape (2,)"),
+        (agvjax.Line(velocity=1.0), r"velocity = shape (): must be an array of shape (2,)"),
+        (agvjax.DifferentialDrive(road_slope=0.0), r"road_slope = shape (): must be an array of shape (2,)"),
+        (agvjax.Cosine(amplitude=[0.1, 0.2]), r"amplitude = shape (2,): must be a number or an array of shape (3,)"),
+        (agvjax.Start(position=[[0.0], [1.0, 2.0]]), "position = [[0.0], [1.0, 2.0]]: must be an array of shape (2,)"),
+    ],
+)
+def test_limits_the_wrong_way_round_and_wrong_shapes_are_named(part, said):
+    (fault,) = faults(part)
+    assert str(fault).startswith(said)
+
+
+def test_lists_of_numbers_are_as_good_as_arrays():
+    lists = Scenario(
+        start=agvjax.Start(position=[-0.4, 0.3], velocity=(0.1, 0.2)),
+        path=agvjax.Line(velocity=[0.5, 0.1]),
+        disturbance=agvjax.Cosine(amplitude=[0.1, 0.2, 0.3]),
+    )
+    arrays = Scenario(
+        start=agvjax.Start(position=np.array([-0.4, 0.3]), velocity=np.array([0.1, 0.2])),
+        path=agvjax.Line(velocity=np.array([0.5, 0.1])),
+        disturbance=agvjax.Cosine(amplitude=np.array([0.1, 0.2, 0.3])),
+    )
+    law, runs = NeuroBackstepping(), []
+    for scenario in (lists, check(lists), arrays):
+        runs.append(agvjax.simulate(law, scenario, n_steps=20).position)
+    np.testing.assert_array_equal(runs[0], runs[2])
+    np.testing.assert_array_equal(runs[1], runs[2])
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda c, s: agvjax.simulate(s, c), "scenario must be one agvjax.Scenario, after the controller"),
+        (lambda c, s: agvjax.simulate(c, agvjax.batch(s, {"limit": [1.0, 2.0]})), "must be one agvjax.Scenario"),
+        (lambda c, s: agvjax.simulate(c, s, integrator="rk4"), "integrator must be agvjax.RK4, HEUN or EULER"),
+        (lambda c, s: agvjax.simulate(c, replace(s, {"start.position": np.zeros(3)})), r"start.position must have"),
+        (lambda c, s: agvjax.simulate(agvjax.FractionalBackstepping(inner=agvjax.OSFC()), s), "integrals"),
+    ],
+)
+def test_mistakes_in_a_call_are_named(call, said):
+    with pytest.raises((TypeError, ValueError), match=said):
+        call(NeuroBackstepping(), Scenario())
+
+
+def test_a_fractional_integral_needs_a_law_that_integrates():
+    law = agvjax.EventTriggered(inner=agvjax.FractionalBackstepping(inner=agvjax.EventTriggered(inner=agvjax.OSFC())))
+    assert [fault.key for fault in law.faults(agvjax.Decoupled())] == ["inner.inner"]
+    assert agvjax.FractionalBackstepping(inner=agvjax.EventTriggered()).faults(agvjax.Decoupled()) == []
+
+
 def test_step_problems_know_what_the_integrator_carries():
     law, literal = NeuroBackstepping(), NeuroBackstepping(filter=LiteralFilter())
     assert step_faults(law, 1e-3, 12.0, RK4) == [] and step_faults(literal, 1e-3, 12.0, RK4) == []

@@ -20,7 +20,10 @@ LIMITED = {
 WINDUP = BackCalculation(speed=0.8, limits=np.array([5.5, 9.0]))
 
 
-@pytest.mark.parametrize("omega_n, zeta", [(90.0, 0.75), (90.0, 1.0), (30.0, 1.0000001), (25.0, 1.8), (200.0, 0.05)])
+@pytest.mark.parametrize(
+    "omega_n, zeta",
+    [(90.0, 0.75), (90.0, 1.0), (30.0, 1.0000001), (25.0, 1.8), (200.0, 0.05), (314.0, 3.0), (314.0, 50.0)],
+)
 @pytest.mark.parametrize("law, power", [(CommandFilter(), 1), (LiteralFilter(), 2)])
 def test_the_filter_is_stepped_by_the_exponential_of_its_matrix(law, power, omega_n, zeta):
     M = np.array([[0.0, omega_n], [-(omega_n**power), -2 * zeta * omega_n]])
@@ -31,6 +34,15 @@ def test_the_filter_is_stepped_by_the_exponential_of_its_matrix(law, power, omeg
     given = Filtered(*(jnp.array(x) for x in (*start, rest, 0.0, omega_n, zeta)))
     found = law.over_period(given, jnp.array(period))
     np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("zeta", [0.3, 1.0, 1.05, 3.0, 50.0, 1e4])
+def test_the_filter_in_single_precision_is_off_by_rounding_alone_however_damped(zeta):
+    M = np.array([[0.0, 314.0], [-314.0, -2 * zeta * 314.0]])
+    exact = (expm(M * 0.02) - np.eye(2)) @ [0.3, -0.7]
+    given = Filtered(*(jnp.array(x, jnp.float32) for x in (0.3, -0.7, 0.0, 0.0, 314.0, zeta)))
+    change = CommandFilter().over_period(given, jnp.array(0.02, jnp.float32))
+    np.testing.assert_allclose(change, exact, rtol=2e-5, atol=2e-6)
 
 
 @pytest.mark.parametrize("zeta", [0.6, 1.0, 1.4])

@@ -302,11 +302,31 @@ def test_saving_less_often_gives_the_same_samples(save_every):
 def test_a_run_that_leaves_the_limit_is_latched_where_it_was():
     scenario = Scenario(disturbance=agvjax.Cosine(amplitude=np.array([3e4, 0.0, 0.0]), omega=0.0), limit=50.0)
     run = simulate(NeuroBackstepping(), scenario, n_steps=390, save_every=1)
-    size = np.sqrt((packed(run)[:, :5] ** 2).sum(axis=1))
+    off = packed(run)[:, :5] - np.pad(run.reference_position, ((0, 0), (0, 3)))  # x, y, their rates, heading
+    size = np.linalg.norm(off, axis=1)[: np.argmax(np.all(np.diff(packed(run), axis=0) == 0, axis=1)) + 1]
     assert not bool(run.ok) and np.isfinite(packed(run)).all() and size.max() < 50.0
     assert (packed(run)[-1] == packed(run)[-100]).all()
     metrics = measure(run)
     assert not bool(metrics.ok) and np.isinf(np.asarray(metrics.rmse)).all() and not np.asarray(metrics.settled).any()
+
+
+def mapped(place, dtype, turns=0):
+    """A straight path that begins at a place of a map, followed with the tangent as heading."""
+    path = agvjax.Waypoints.through(np.array([[0.0, 0.0], [4.0, 1.0], [8.0, 2.0]]) + place, 1.0)
+    start = Start(position=np.array([-0.1, 0.1]) + place, heading=0.2 + 2 * np.pi * turns)
+    return simulate(NeuroBackstepping(), Scenario(path=path, start=start), n_steps=1000, save_every=100, dtype=dtype)
+
+
+@pytest.mark.parametrize(("place", "turns"), [([5e5, 5e6], 0), ([0.0, 0.0], 400)])
+def test_where_a_map_begins_and_how_often_a_vehicle_has_turned_are_no_divergence(place, turns):
+    here, there = mapped([0.0, 0.0], float), mapped(place, float, turns)
+    assert bool(there.ok)
+    np.testing.assert_allclose(np.asarray(there.position) - place, here.position, atol=1e-8)
+
+
+@pytest.mark.parametrize(("place", "fine"), [([7e3, 0.0], True), ([0.0, 9e3], False), ([5e5, 5e6], False)])
+def test_a_place_that_single_precision_does_not_resolve_to_a_millimetre_is_no_run(place, fine):
+    assert bool(mapped(place, jnp.float32).ok) is fine  # 2^-23 of the distance from the origin
 
 
 @pytest.mark.parametrize(

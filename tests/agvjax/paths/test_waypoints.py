@@ -171,6 +171,10 @@ def test_a_vehicle_follows_it():
         ([[0, 0], [1, 0]], None, True, "points must be at least 3 for a closed path; given 2"),
         ([[0, 0], [1, np.nan]], None, False, "points must be finite; number 2 is not"),
         ([[0, 0], [1, 0], [1, 0]], None, False, "number 2 and number 3 are equal"),
+        ([[0, 0], [1, 0], [1, 1e-6], [2, 0]], None, False, "number 2 and number 3 are only 1e-06 m apart, against 1 m"),
+        ([[0, 0], [1, 0], [1, 1e-3], [1, 2e-3], [2, 0]], None, False, "number 2 and number 3 are only 0.001 m apart"),
+        ([[0, 0], [1e-3, 0], [1, 0], [2, 0]], None, False, "number 1 and number 2 are only 0.001 m apart"),
+        ([[0, 0], [1, 0], [1, 1], [1e-3, 0]], None, True, "a closed path needs no repetition of its first point"),
         ([[0, 0], [1, 0], [1, 1], [0, 0]], None, True, "a closed path needs no repetition of its first point"),
         ([[0, 0], [1, 0]], 0.0, False, "speed must be > 0; it is 0"),
         ([[0, 0], [1, 0]], [1, -2], False, "speed must be > 0; number 2 is -2"),
@@ -185,6 +189,13 @@ def test_a_vehicle_follows_it():
 def test_what_no_path_can_be_made_of_is_said(points, speed, closed, said):
     with pytest.raises(ValueError, match=said):
         Waypoints.through(points, speed, closed)
+
+
+def test_points_may_lie_much_closer_in_a_bend_than_on_a_straight():
+    turn = np.linspace(0, np.pi / 2, 12)
+    bend = np.c_[1 - np.cos(turn), np.sin(turn)]
+    path = Waypoints.through(np.r_[[[0, -60], [0, -30]], bend, [[30, 1], [60, 1]]])  # 0.14 m beside 30 m
+    assert len(path.points) == 16
 
 
 # ------------------------------------------------------------------------------------------------------- disturbances
