@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,9 @@ from agvjax.leaves import get
 
 from ..compute.processes import gathered
 from .draws import Draw, sample
+
+if TYPE_CHECKING:
+    from ..config.settings import Search
 
 TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
@@ -98,11 +101,8 @@ class Adversary:
     scenario: PyTree  # the nominal one
     draws: Mapping[str, Draw]
     metrics: tuple[str, ...]
+    settings: Search  # how many samples, ascents and steps of them
     seed: int = 0
-    scouts: int = 256  # samples among whose worst the ascents start
-    starts: int = 7  # ascents for each metric
-    iterations: int = 8
-    checks: int = 10_000  # samples that the final statement rests on besides
     compiled: tuple[Callable[..., PyTree], Callable[..., PyTree]] | None = None  # `climb` and `look`, compiled before
 
     @functools.cached_property
@@ -138,7 +138,7 @@ class Adversary:
 
     def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Arguments of the right shapes, after z, for `climb` and for `look`."""
-        return np.zeros((len(self.metrics) * self.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
+        return np.zeros((len(self.metrics) * self.settings.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
 
     def _values(self, z: PyTree, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """`look` at any number of scenarios, a chunk at a time."""
@@ -148,28 +148,29 @@ class Adversary:
 
     def search(self, z: PyTree, round_: int = 0) -> list[Found]:
         """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
-        rows = [self.names.index(metric) for metric in self.metrics]
-        scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
+        settings, rows = self.settings, [self.names.index(metric) for metric in self.metrics]
+        scouts = self._sampled(SCOUTS + 2 * round_, settings.scouts)
         seen = self._values(z, scouts)[rows]  # (W, scouts)
         places = self.box.shares(scouts)
-        first = np.concatenate([_apart(places, value, self.starts) for value in seen])
+        first = np.concatenate([_apart(places, value, settings.starts) for value in seen])
         u = places[first]
-        row = np.repeat(rows, self.starts)
+        row = np.repeat(rows, settings.starts)
         u, best = self._ascend(z, jnp.asarray(u, jnp.result_type(float)), row)
         leaves = self.box.leaves(jnp.asarray(u))
-        checks = self._sampled(CHECKS + 2 * round_, self.checks) if self.checks else None
+        checks = self._sampled(CHECKS + 2 * round_, settings.checks) if settings.checks else None
         checked = self._values(z, checks)[rows] if checks else None
         found = []
         for w, metric in enumerate(self.metrics):
-            own = slice(w * self.starts, (w + 1) * self.starts)
+            own = slice(w * settings.starts, (w + 1) * settings.starts)
             i = own.start + int(np.argmax(best[own]))
             value, scenario = float(best[i]), {n: np.asarray(x)[i] for n, x in leaves.items()}
             for some, many in ((seen, scouts), (checked, checks)):
                 if some is not None and many is not None and some[w].max() > value:
                     value, j = float(some[w].max()), int(np.argmax(some[w]))
                     scenario = {n: np.asarray(x)[j] for n, x in many.items()}
-            ascent = self.checks + self.starts * self.iterations * (1 + self.box.low.size)
-            found.append(Found(metric, value, scenario, self.starts, self.scouts + self.checks, self.scouts + ascent))
+            samples = settings.scouts + settings.checks
+            rollouts = samples + settings.starts * settings.iterations * (1 + self.box.low.size)
+            found.append(Found(metric, value, scenario, settings.starts, samples, rollouts))
         return found
 
     def _sampled(self, part: int, size: int) -> dict[str, np.ndarray]:
@@ -193,7 +194,7 @@ class Adversary:
 
         move, climb = jax.jit(step), self.functions[0]
         state, best, at = method.init(u), np.full(len(row), -np.inf), np.asarray(u)
-        for _ in range(self.iterations):
+        for _ in range(self.settings.iterations):
             values, ok, slopes = climb(z, u)
             value = np.where(np.asarray(ok), np.asarray(values)[row, lanes], np.inf)
             higher = value > best

@@ -9,7 +9,7 @@ an exact penalty, so that the search ends inside them or shows that they cannot 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import clarabel
 import jax.numpy as jnp
@@ -20,8 +20,11 @@ from scipy import sparse
 from agvjax import Fault
 
 from ...config.settings import Config
-from .method import Look, Method, Progress, Scenarios
+from .method import Look, Method, Model, Progress, Scenarios
 from .objective import Objective
+
+if TYPE_CHECKING:
+    from ..tuner import Tuner
 
 FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-4  # of the trust region, in the free coordinates: logarithms of the gains
 FLATTEST = 1e-3  # curvature to begin with
@@ -39,6 +42,11 @@ class Sqp(Method):
     def begin(self, z: Array, scenarios: int) -> State:
         """Before the first look."""
         return State.begin(z.size, len(self.objective.names), scenarios, self.objective.penalty)
+
+    def look(self, tuner: Tuner, z: Array, scenarios: Scenarios, model: Model | None) -> Look:
+        """The whole Jacobian too."""
+        model = tuner.push(z, scenarios) if model is None else model
+        return Look(*tuner.weigh(*model), model=model)
 
     def step(
         self, p: Progress, look: Look, sound: bool, baseline: np.ndarray, scenarios: Scenarios
