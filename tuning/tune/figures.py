@@ -25,7 +25,7 @@ def history_figure(names: Sequence[str], run: Run) -> Figure:
     table = np.array(run.history)
     figure = Figure(figsize=(7.5, 7), layout="constrained")
     cost, norm, gain = figure.subplots(3, 1, sharex=True)
-    lead = run.searches.index(run.lead)
+    lead = next(i for i, search in enumerate(run.searches) if search is run.lead)
     others = sorted({(row[0], row[1]) for row in table})
     offset = 0
     for turn, start in others:

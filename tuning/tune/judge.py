@@ -14,11 +14,10 @@ from agvjax.metric_table import METRICS
 from ..compute import processes as distributed
 from ..config.settings import Config
 from ..ensemble.draws import sample
-from . import analysis
+from . import analysis, caveats
 from .analysis import Findings
 from .problem import TuningProblem
 from .rounds import Outcome
-from .tuner import TOLERANCE
 
 
 class Summary(NamedTuple):
@@ -40,12 +39,25 @@ class TuneVerdict(NamedTuple):
     findings: Findings
     over: list[str]  # limits that are not met, each with by how much
     conflict: list[str]  # those that cannot be kept together
+    useless: list[str]  # what else makes the gains no good, each a sentence
+    cautions: list[str]  # what should be known before they are used
+    start_at_worst: dict[str, float]  # by metric, with the starting gains, in the worst scenario that was found
     worst: agvjax.Scenario  # the validation scenario with the largest error of the tuned gains
 
     @property
     def failure(self) -> str:
         """Why the gains are not what was asked for, in a sentence; empty where they are."""
-        return " ".join(["limits not met:", "; ".join(self.over) + ".", *self.conflict]) if self.over else ""
+        limits = ["limits not met: " + "; ".join(self.over) + ".", *self.conflict] if self.over else []
+        return " ".join(limits + (["; ".join(self.useless) + "."] if self.useless else []))
+
+    @property
+    def lines(self) -> list[str]:
+        """The verdict: a sentence, then what was left to be desired, a line each."""
+        first = "Limits not met" if self.over else "All limits are met on the tuning scenarios"
+        if self.useless:
+            first += ", but these gains should not be used" if not self.over else ", and these gains should not be used"
+        rest = [*self.over, *self.conflict, *self.useless, *self.cautions]
+        return [first + (":" if rest else "."), *rest]
 
 
 def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
@@ -68,11 +80,30 @@ def judge(outcome: Outcome) -> TuneVerdict:
         {part: summary(jax.tree.map(lambda x, s=s: x[s], metrics[label])) for part, s in parts.items()}
         for label in ("before", "after")
     )
-    over = unmet(problem, *(jax.tree.map(lambda x: x[: seen.size], metrics[label]) for label in ("before", "after")))
-    z = outcome.progress.best_z
-    conflict = _conflict(problem, z) if over else []
+    tuned_on, new = (
+        [jax.tree.map(lambda x, s=s: x[s], metrics[label]) for label in ("before", "after")]
+        for s in (slice(None, seen.size), parts["validation"])
+    )
+    baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
+    findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)
+    conflict = _conflict(problem, z, findings) if over else []
+    useless, cautions = caveats.unseen(objective, *new, baseline, float(agvjax.Criteria().band))
+    cautions += caveats.worst_case(objective, outcome.found, baseline)
+    cautions += caveats.at_bounds(problem.tuner.gains, agvjax.leaves(outcome.controller))
+    cautions += [outcome.stopped] if outcome.stopped else []
     worst = unseen[after["validation"].worst_index]
-    return TuneVerdict(before, after, analysis.analyse(problem.tuner, z), over, conflict, worst)
+    there = _start_at_worst(outcome)
+    return TuneVerdict(before, after, findings, over, conflict, useless, cautions, there, worst)
+
+
+def _start_at_worst(outcome: Outcome) -> dict[str, float]:
+    """By metric its value with the starting gains in the worst scenario that was found of it."""
+    if not outcome.found:
+        return {}
+    config = outcome.problem.config
+    leaves = {name: np.stack([one.scenario[name] for one in outcome.found]) for name in outcome.found[0].scenario}
+    metrics = judged(config, config.controller, agvjax.batch(config.scenario, leaves))
+    return {one.metric: float(metrics[one.metric][i]) for i, one in enumerate(outcome.found)}
 
 
 def validation(config: Config) -> agvjax.Batch:
@@ -89,20 +120,20 @@ def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]
 
 def unmet(problem: TuningProblem, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
-    objective = problem.tuner.objective
-    given = problem.tuner.budget
-    reference = objective.baseline(*objective.values(before)) if given is None else given
-    levels = np.asarray(objective.levels(*objective.values(after), reference))[len(objective.goals) :]
-    bounds = objective.units(reference)[len(objective.goals) :]
-    return [
-        f"{r.name} is {level * bound:.5g}, {level - 1:.2%} above its limit {bound:.5g}"
-        for r, level, bound in zip(objective.limits, levels, bounds, strict=True)
-        if not level <= 1 + TOLERANCE
-    ]
+    return caveats.excesses(problem.tuner.objective, after, baseline_of(problem, before))
 
 
-def _conflict(problem: TuningProblem, z: Any) -> list[str]:
-    """Which limits cannot be kept together, in words."""
+def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
+    """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
+    objective, budget = problem.tuner.objective, problem.tuner.budget
+    return objective.baseline(*objective.values(before)) if budget is None else budget
+
+
+def _conflict(problem: TuningProblem, z: Any, findings: Findings) -> list[str]:
+    """Which limits cannot be kept together, or what else keeps them from being met, in words."""
+    if all(standing.met for standing in findings.standings):
+        steps = f"tune.dt = {problem.config.tune.dt:g} s, but not at simulate.dt = {problem.config.simulate.dt:g} s"
+        return [f"They are met at {steps}, at which gains are judged: a smaller tune.dt, or tighter limits, meet them."]
     if not problem.tuner.method.jacobian:
         return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
     parts = analysis.conflict(problem.tuner, z)

@@ -1,0 +1,124 @@
+"""What a careful colleague would say of tuned gains besides "all limits are met"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+import agvjax
+from agvjax.metric_table import METRICS
+
+from ..ensemble.worst import Found
+from .gains import Gains
+from .methods.objective import Objective
+from .tuner import TOLERANCE
+
+WORSE = 0.05  # by how much a metric must rise to be worth a word
+AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
+PEOPLE_LOOK_AT = ("rmse_late_x", "rmse_late_y", "rmse_late_heading", "longest_settling_time", "limited")
+
+
+class Caveats(NamedTuple):
+    """What makes gains useless, and what should be known before they are used; each a sentence."""
+
+    failures: list[str]
+    cautions: list[str]
+
+
+def excesses(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray) -> list[str]:
+    """The limits that runs exceed by more than the tolerance, each with by how much."""
+    first = len(objective.goals)
+    levels = np.asarray(objective.levels(*objective.values(metrics), baseline))[first:]
+    bounds = objective.units(baseline)[first:]
+    return [
+        f"{r.name} is {level * bound:.5g}, {level - 1:.2%} above its limit {bound:.5g}"
+        for r, level, bound in zip(objective.limits, levels, bounds, strict=True)
+        if not level <= 1 + TOLERANCE
+    ]
+
+
+def unseen(
+    objective: Objective, before: agvjax.Metrics, after: agvjax.Metrics, baseline: np.ndarray, band: float
+) -> Caveats:
+    """Of runs in scenarios that no tuning saw, with the starting gains and the tuned ones.
+
+    Args:
+        objective: goals and limits.
+        before: metrics with the starting gains.
+        after: metrics with the tuned gains, of the same scenarios.
+        baseline: the statistics (3, M) that limits are multiples of.
+        band: error [m, rad] within which a run has settled.
+    """
+    everyone = objective._replace(weights=None)
+    old, new = (np.asarray(metrics.ok) for metrics in (before, after))
+    failures, cautions = [], []
+    if not new.all():
+        failures.append(f"{np.sum(~new)} of {new.size} validation runs diverged ({np.sum(~old)} with the start's gains)")
+    before_restless, restless = (int(np.sum(~_settled(metrics) & metrics.ok)) for metrics in (before, after))
+    if restless:
+        text = (
+            f"{restless} of {new.size} validation runs have not settled within {band:g} m and rad of the path"
+            f" ({before_restless} with the starting gains)"
+        )
+        (failures if restless > new.size / 2 else cautions).append(text)
+    if old.any():
+        levels = everyone.levels(*everyone.values(after), everyone.baseline(*everyone.values(before)))
+        weights = np.array([goal.value for goal in objective.goals])
+        ratio = float(weights @ np.asarray(levels)[: weights.size] / weights.sum()) if weights.sum() else 0.0
+        if not ratio <= 1 + TOLERANCE:
+            failures.append(f"on the validation scenarios the goal is {ratio - 1:.1%} worse than with the starting gains")
+    cautions += [f"on the validation scenarios {text}" for text in excesses(everyone, after, baseline)]
+    return Caveats(failures, cautions + _worse(before, after, old & new))
+
+
+def _settled(metrics: agvjax.Metrics) -> np.ndarray:
+    return np.asarray(metrics.settled).all(-1)
+
+
+def _worse(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> list[str]:
+    """What rose, of what people look at first, over the runs that neither set of gains loses."""
+    lines = []
+    channels = np.shape(after.rmse)[-1]
+    for name in PEOPLE_LOOK_AT if both.any() else ():
+        if METRICS[name].heading and channels < 3:
+            continue
+        old, new = (np.asarray(metrics[name], float)[both] for metrics in (before, after))
+        for statistic, of in (("mean", np.mean), ("worst", np.max)):
+            a, b = float(of(old)), float(of(new))
+            if np.isfinite(a) and b > (1 + WORSE) * a and b - a > 1e-6:
+                rise = f" ({b / a - 1:+.0%})" if a else ""
+                lines.append(f"{statistic} {name} rose from {a:.3g} to {b:.3g} {METRICS[name].unit}{rise}")
+    return lines
+
+
+def worst_case(objective: Objective, worst: Sequence[Found], baseline: np.ndarray) -> list[str]:
+    """What is to be said of the worst scenarios that were found, where they are over a limit."""
+    bounds, lines = worst_bounds(objective, baseline), []
+    for one in worst:
+        bound = bounds.get(one.metric, np.inf)
+        place = "a scenario that the ensemble can draw, though it was not drawn,"
+        if not np.isfinite(one.value):
+            lines.append(f"{place} diverges ({one.metric}; tune.search.rounds tunes with it)")
+        elif one.value > (1 + TOLERANCE) * bound:
+            over = f"{one.value / bound - 1:.0%} above the limit {bound:.4g}"
+            lines.append(f"{place} has {one.metric} {one.value:.4g}, {over} (tune.search.rounds tunes with it)")
+    return lines
+
+
+def worst_bounds(objective: Objective, baseline: np.ndarray) -> dict[str, float]:
+    """By metric the bound of its worst, of the metrics that have one."""
+    first = len(objective.goals)
+    bounds = objective.units(baseline)[first:]
+    return {r.metric: float(b) for r, b in zip(objective.limits, bounds, strict=True) if r.statistic == "worst"}
+
+
+def at_bounds(gains: Gains, values: Mapping[str, float]) -> list[str]:
+    """Gains that ended at a bound of theirs, other than 0."""
+    lines = []
+    for name, *bounds in zip(gains.names, gains.lower, gains.upper, strict=True):
+        for bound in bounds:
+            if np.isfinite(bound) and bound and abs(values[name] - bound) < AT_BOUND * abs(bound):
+                lines.append(f"{name} ended at its bound {bound:.4g} (tune.bounds, the step, or the law's conditions)")
+    return lines
