@@ -40,7 +40,7 @@ def excesses(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray
 
 
 def unseen(
-    objective: Objective, before: agvjax.Metrics, after: agvjax.Metrics, baseline: np.ndarray, band: float
+    objective: Objective, before: agvjax.Metrics, after: agvjax.Metrics, budget: np.ndarray | None, band: float
 ) -> Caveats:
     """Of runs in scenarios that no tuning saw, with the starting gains and the tuned ones.
 
@@ -48,33 +48,34 @@ def unseen(
         objective: goals and limits.
         before: metrics with the starting gains.
         after: metrics with the tuned gains, of the same scenarios.
-        baseline: the statistics (3, M) that limits are multiples of.
+        budget: the statistics (3, M) that limits are multiples of; None: those of the starting gains here.
         band: error [m, rad] within which a run has settled.
     """
     everyone = objective._replace(weights=None)
-    old, new = (np.asarray(metrics.ok) for metrics in (before, after))
+    kept_before, kept = (np.asarray(metrics.ok) for metrics in (before, after))
     failures, cautions = [], []
-    if not new.all():
-        failures.append(f"{np.sum(~new)} of {new.size} validation runs diverged ({np.sum(~old)} with the start's gains)")
-    before_restless, restless = (int(np.sum(~_settled(metrics) & metrics.ok)) for metrics in (before, after))
+    if not kept.all():
+        counts = f"{np.sum(~kept)} of {kept.size} validation runs diverged"
+        failures.append(f"{counts} ({np.sum(~kept_before)} with the starting gains)")
+    restless_before, restless = (int(np.sum(~settled(metrics) & metrics.ok)) for metrics in (before, after))
     if restless:
-        text = (
-            f"{restless} of {new.size} validation runs have not settled within {band:g} m and rad of the path"
-            f" ({before_restless} with the starting gains)"
-        )
-        (failures if restless > new.size / 2 else cautions).append(text)
-    if old.any():
-        levels = everyone.levels(*everyone.values(after), everyone.baseline(*everyone.values(before)))
+        counts = f"{restless} of {kept.size} validation runs have not settled within {band:g} m and rad of the path"
+        (failures if restless > kept.size / 2 else cautions).append(f"{counts} ({restless_before} before)")
+    if kept_before.any():
+        baseline = everyone.baseline(*everyone.values(before))
+        levels = np.asarray(everyone.levels(*everyone.values(after), baseline))[: len(objective.goals)]
         weights = np.array([goal.value for goal in objective.goals])
-        ratio = float(weights @ np.asarray(levels)[: weights.size] / weights.sum()) if weights.sum() else 0.0
+        ratio = float(weights @ levels / weights.sum()) if weights.sum() else 0.0
         if not ratio <= 1 + TOLERANCE:
-            failures.append(f"on the validation scenarios the goal is {ratio - 1:.1%} worse than with the starting gains")
-    cautions += [f"on the validation scenarios {text}" for text in excesses(everyone, after, baseline)]
-    return Caveats(failures, cautions + _worse(before, after, old & new))
+            failures.append(f"on the validation scenarios the goal is {ratio - 1:.1%} worse than before")
+        over = excesses(everyone, after, baseline if budget is None else budget)
+        cautions += [f"on the validation scenarios {text}" for text in over]
+    return Caveats(failures, cautions + _worse(before, after, kept_before & kept))
 
 
-def _settled(metrics: agvjax.Metrics) -> np.ndarray:
-    return np.asarray(metrics.settled).all(-1)
+def settled(metrics: agvjax.Metrics) -> np.ndarray:
+    """Which runs (B,) have settled in all channels."""
+    return np.asarray(np.all(np.asarray(metrics.settled), axis=-1))
 
 
 def _worse(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> list[str]:

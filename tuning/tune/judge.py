@@ -41,6 +41,7 @@ class TuneVerdict(NamedTuple):
     conflict: list[str]  # those that cannot be kept together
     useless: list[str]  # what else makes the gains no good, each a sentence
     cautions: list[str]  # what should be known before they are used
+    start: agvjax.Metrics  # of the scenarios tuned on, with the starting gains
     start_at_worst: dict[str, float]  # by metric, with the starting gains, in the worst scenario that was found
     worst: agvjax.Scenario  # the validation scenario with the largest error of the tuned gains
 
@@ -87,13 +88,16 @@ def judge(outcome: Outcome) -> TuneVerdict:
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)
     conflict = _conflict(problem, z, findings) if over else []
-    useless, cautions = caveats.unseen(objective, *new, baseline, float(agvjax.Criteria().band))
+    band, budget = float(agvjax.Criteria().band), problem.tuner.budget
+    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, band)
     cautions += caveats.worst_case(objective, outcome.found, baseline)
     cautions += caveats.at_bounds(problem.tuner.gains, agvjax.leaves(outcome.controller))
+    if outcome.progress.best_iteration == 0 and outcome.run.round == 0:
+        cautions.append("nothing better than the starting gains was found: the gains are those")
     cautions += [outcome.stopped] if outcome.stopped else []
     worst = unseen[after["validation"].worst_index]
     there = _start_at_worst(outcome)
-    return TuneVerdict(before, after, findings, over, conflict, useless, cautions, there, worst)
+    return TuneVerdict(before, after, findings, over, conflict, useless, cautions, tuned_on[0], there, worst)
 
 
 def _start_at_worst(outcome: Outcome) -> dict[str, float]:
@@ -157,7 +161,7 @@ def summary(metrics: agvjax.Metrics) -> Summary:
         mean={name: np.inf if none else float(v.mean()) for name, v in kept.items()},
         worst={name: np.inf if none else float(v.max()) for name, v in kept.items()},
         latched=int((~ok).sum()),
-        unsettled=int((~np.asarray(metrics.settled).all(-1) & ok).sum()),
+        unsettled=int((~caveats.settled(metrics) & ok).sum()),
         size=ok.size,
         worst_index=int(np.argmax(values["total_rmse"])),
     )

@@ -9,17 +9,26 @@ from typing import Any
 import numpy as np
 
 import agvjax
+from agvjax.leaves import unit_of
 from agvjax.metric_table import METRICS, metrics_of
 
 from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import grid, html
-from . import figures
+from . import caveats, figures
 from .analysis import Findings
-from .judge import Summary, TuneVerdict
+from .judge import Summary, TuneVerdict, baseline_of
+from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Round
 
-SHOWN = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter")
+LATE = ("rmse_late_x", "rmse_late_y", "rmse_late_heading")
+SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_chatter")
+
+
+CONDITIONS = """
+"Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
+deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction.
+"""
 
 
 def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
@@ -31,6 +40,7 @@ def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
     rows: list[list[object]] = [
         [n, METRICS[n].unit, *change(before.mean[n], after.mean[n]), *change(before.worst[n], after.worst[n])]
         for n in metrics
+        if not np.isnan(before.mean[n])  # no late error of a run that ends before it
     ]
     counts = {"diverged runs": (before.latched, after.latched), "not settled": (before.unsettled, after.unsettled)}
     rows += [[name, f"of {before.size}", *pair, "", "", "", ""] for name, pair in counts.items()]
@@ -44,8 +54,9 @@ def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str,
     for name in dict.fromkeys([*names, *stability]):
         bound = stability.get(name)
         condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{float(new[name]) - bound:.4g}"]
-        rows.append([name, f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", *condition])
-    return grid(["gain", "before", "after", "must exceed", "margin"], rows)
+        values = [f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", unit_of(after, name)]
+        rows.append([name, *values, *(condition if stability else [])])
+    return grid(["gain", "before", "after", "unit", *(["must exceed", "margin"] if stability else [])], rows)
 
 
 def standings(findings: Findings) -> str:
@@ -84,11 +95,35 @@ def identifiability(findings: Findings) -> list[str]:
     return sentences
 
 
-def rounds(rows: Sequence[Round]) -> str:
-    """`[best, worst found]` of each round, for every metric."""
-    return grid(
-        ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"],
-        [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows],
+def rounds(rows: Sequence[Round], bounds: Mapping[str, float], start: Mapping[str, float]) -> str:
+    """What every round came to, beside the limit on the worst, and the starting gains where the last one looked."""
+    last = max((r.round for r in rows), default=0)
+    cells = [
+        [
+            *(r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found),
+            f"{bounds[r.metric]:.5g}" if r.metric in bounds else "",
+            f"{start[r.metric]:.5g}" if r.round == last and r.metric in start else "",
+        ]
+        for r in rows
+    ]
+    heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box", "limit"]
+    return grid([*heads, "there with the starting gains"], cells)
+
+
+def conclusion(verdict: TuneVerdict) -> str:
+    """The verdict: a sentence, and a line for whatever a careful reader should know."""
+    first, *rest = verdict.lines
+    return "\n".join([f"**{first}**", "", *(f"* {line}" for line in rest)]).strip()
+
+
+def subject(config: Any) -> str:
+    """What was tuned, in a line."""
+    law, scenario = config.controller, config.scenario
+    names = [type(part).__name__ for part in (law, scenario.plant, scenario.path)]
+    size, unseen = config.ensemble.size, config.ensemble.validation_size
+    return (
+        f"{names[0]} for the plant {names[1]} on the path {names[2]}, {config.simulate.horizon:g} s;"
+        f" {size} scenarios tuned on, {unseen} others to judge by. agvjax {agvjax.__version__}."
     )
 
 
@@ -98,11 +133,7 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     problem, run, p = outcome.problem, outcome.run, outcome.progress
     config, objective, tuned = problem.config, problem.tuner.objective, problem.tuner.gains
     settings, before, after = config.tune, verdict.before, verdict.after
-    delivered = sorted(name for name, row in METRICS.items() if row.delivered)
-    always = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *delivered)
-    measured = metrics_of(config.scenario.plant)
-    shown = tuple(name for name in dict.fromkeys([*always, *objective.names]) if name in measured)
-    met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
+    names = shown(problem)
     places = len({row[1] for row in run.history if row[0] == 0})
     starts = f" from {places} starts" if places > 1 else ""
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
@@ -117,23 +148,33 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     best = {r.metric: r.best for r in outcome.rounds if r.round == run.round}  # the ensemble lies in the box too
     worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
     searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
+    conditions = CONDITIONS if tuned.stability else ""
+    baseline = baseline_of(problem, verdict.start)
+    worst_table = rounds(outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst)
     return f"""# Tuned gains
 
-{gains((*tuned.names, *tuned.tied), config.controller, outcome.controller, tuned.stability)}
+{subject(config)}
 
-"Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
-deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction. The gains are in
-`gains.toml`: `agvjax simulate --config gains.toml`.
+{conclusion(verdict)}
+
+## The gains
+
+{gains((*tuned.names, *tuned.tied), config.controller, outcome.controller, tuned.stability)}
+{conditions}
+They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.toml`, in this folder.
+
+![nominal](nominal.png)
 
 ## On {after["validation"].size} validation scenarios, not seen in tuning
 
-{comparison(before["validation"], after["validation"], shown)}
+{comparison(before["validation"], after["validation"], names)}
 
 ## On the {after["tuning"].size} tuning scenarios
 
-{comparison(before["tuning"], after["tuning"], shown)}
+{comparison(before["tuning"], after["tuning"], names)}
 
-{met} rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), effort the same of the commands before the deadzone; mean and worst
+total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
+4 s, past the start; effort the same of the commands before the deadzone; mean and worst
 are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 {_path(config)}
 ## What each requirement hangs on
@@ -150,7 +191,7 @@ of the gain, at the tuned gains.
 
 {searched}
 
-{rounds(outcome.rounds)}
+{worst_table}
 
 The box holds every value that the ensemble can draw{_cut(problem)}; "worst in the ensemble" includes scenarios that
 earlier rounds added. Searched at steps of {settings.dt:g} s.
@@ -163,10 +204,27 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ![sensitivities](sensitivity.png)
 
-![nominal](nominal.png)
-
 ![worst](worst.png)
 """
+
+
+def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
+    """What a terminal is told: the gains, the metrics on scenarios not seen, the verdict."""
+    problem, before, after = outcome.problem, verdict.before["validation"], verdict.after["validation"]
+    tuned, names = problem.tuner.gains, shown(problem)
+    table = gains((*tuned.names, *tuned.tied), problem.config.controller, outcome.controller, tuned.stability)
+    first, *rest = verdict.lines
+    size = f"On {after.size} validation scenarios, not seen in tuning:"
+    lines = [table, "", size, "", comparison(before, after, names), "", first, *(f"* {line}" for line in rest)]
+    return "\n".join(lines)
+
+
+def shown(problem: TuningProblem) -> tuple[str, ...]:
+    """The metrics that a report shows: the usual ones, those of actuators, and all that goals and limits name."""
+    plant = problem.config.scenario.plant
+    delivered = [] if type(plant) is agvjax.Decoupled else sorted(n for n, row in METRICS.items() if row.delivered)
+    names = dict.fromkeys([*SHOWN, *delivered, *problem.tuner.objective.names])
+    return tuple(name for name in names if name in metrics_of(plant))
 
 
 def _path(config: Any) -> str:
@@ -181,12 +239,8 @@ def _worse(outcome: Outcome) -> list[str]:
         return []
     rounds = outcome.problem.config.tune.search.rounds
     more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
+    more = outcome.stopped or more
     return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
-
-
-def _unmet(verdict: TuneVerdict) -> str:
-    text = "**Limits not met:** " + "; ".join(verdict.over) + "."
-    return text + (" " + " ".join(verdict.conflict) if verdict.conflict else "")
 
 
 def _smooth_note(names: Sequence[str]) -> str:
@@ -204,7 +258,7 @@ def _cut(problem: Any) -> str:
 
 
 def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
-    """Report, figures and `worst.json` into a folder; returns the report."""
+    """Report, figures and `worst.json` into a folder; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
@@ -222,7 +276,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
     text = markdown(outcome, verdict)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Tuned gains"))
-    return text
+    return brief(outcome, verdict)
 
 
 def _worst(outcome: Outcome) -> Mapping[str, object]:

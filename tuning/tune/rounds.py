@@ -108,7 +108,9 @@ def solve(
         if lead.backed_out and lead.backed_out == lead.iteration - 1:
             raise RuntimeError("every step led to where no gradient was of use: the gains are those of the start")
         if np.isinf(lead.best[1]) and before is not None:
-            reason = f"round {run.round} of tuning with the worst scenarios came to nothing: no gradient was of use with"
+            reason = (
+                f"round {run.round} of tuning with the worst scenarios came to nothing: no gradient was of use with"
+            )
             return before._replace(stopped=f"{reason} them, and the gains are those of the round before")
         if np.isinf(lead.best[1]):
             raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
