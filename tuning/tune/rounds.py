@@ -105,15 +105,12 @@ def solve(
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
         lead = run.lead
-        if lead.backed_out and lead.backed_out == lead.iteration - 1:
-            raise RuntimeError("every step led to where no gradient was of use: the gains are those of the start")
-        if np.isinf(lead.best[1]) and before is not None:
-            reason = (
-                f"round {run.round} of tuning with the worst scenarios came to nothing: no gradient was of use with"
-            )
-            return before._replace(stopped=f"{reason} them, and the gains are those of the round before")
-        if np.isinf(lead.best[1]):
-            raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
+        reason = _hindrance(lead)
+        if reason and before is not None:
+            said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
+            return before._replace(stopped=f"{said}; the gains are those of the round before")
+        if reason:
+            raise RuntimeError(reason)
         searching()
         found = problem.adversary.search(lead.best_z, run.round)
         best = problem.tuner.worst(lead.best_z)
@@ -123,6 +120,16 @@ def solve(
         if run.round >= settings.rounds or not before.worse:
             return before
         problem, run = _again(before)
+
+
+def _hindrance(lead: Progress) -> str:
+    """Why a search came to nothing; empty where it did not."""
+    if lead.backed_out and lead.backed_out == lead.iteration - 1:
+        return "every step led to where no gradient was of use: the gains are those of the start"
+    if np.isinf(lead.best[1]):
+        advice = "other starting gains may help, or tune.starts = 8, which begins at more; agvjax doctor tells more"
+        return f"no gradient at the starting gains was of use: not one step was taken; {advice}"
+    return ""
 
 
 def _again(before: Outcome) -> tuple[TuningProblem, Run]:

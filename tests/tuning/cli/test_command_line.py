@@ -172,7 +172,9 @@ def test_tune_writes_what_it_promises(tuned):
     assert files_of(out) == sorted([*TUNED, "report.html", "report.md", "worst.json", *figures])
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
     report = (out / "report.md").read_text()
-    assert report in said and str(out) in said
+    verdict = report.split("**")[1]
+    assert verdict.startswith("All limits are met") and verdict in said and "| k1 |" in said and str(out) in said
+    assert "agvjax simulate --config config.toml --config gains.toml" in report
     assert "validation" in report and "| k1 |" in report and all(name in report for name in figures)
     with np.load(out / "checkpoint.npz", allow_pickle=False) as file:
         assert file["0/iteration"] == 1500

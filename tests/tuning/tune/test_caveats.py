@@ -1,0 +1,87 @@
+"""What is said of tuned gains besides the limits: from metrics written by hand."""
+
+import numpy as np
+import pytest
+
+import agvjax
+from tuning.ensemble.worst import Found
+from tuning.tune import caveats
+from tuning.tune.gains import Gains
+from tuning.tune.methods.objective import Objective, Requirement, within
+
+GOAL = (Requirement("total_rmse", "mean", 1.0),)
+
+
+def metrics(rmse, *, late=0.01, settled=True, ok=True, command=1.0):
+    """Of B runs, B the length of `rmse`, which is that of x; all else is the same in every channel."""
+    count = len(rmse)
+    three = lambda value: np.broadcast_to(np.asarray(value, float).reshape(-1, 1), (count, 3))  # noqa: E731
+    same = dict.fromkeys(("iae", "ise", "itae", "overshoot", "chatter"), three(1.0))
+    return agvjax.Metrics(
+        rmse=np.stack([rmse, np.zeros(count), np.zeros(count)], axis=1),
+        rmse_late=three(late),
+        settling_time=three(2.0),
+        settled=np.broadcast_to(np.reshape(settled, (-1, 1)), (count, 3)),
+        rms_command=three(command),
+        peak_command=three(command),
+        ok=np.broadcast_to(ok, count),
+        limited=np.zeros(count),
+        **same,
+    )
+
+
+def said(before, after, objective=None, budget=None):
+    return caveats.unseen(objective or Objective(goals=GOAL, limits=()), before, after, budget, 0.05)
+
+
+def test_gains_that_are_better_and_settle_need_no_word():
+    assert said(metrics([0.2, 0.4]), metrics([0.1, 0.3])) == ([], [])
+
+
+def test_a_run_that_diverges_is_a_failure_however_good_the_others_are():
+    failures, _ = said(metrics([0.2] * 4), metrics([0.1] * 4, ok=[True, False, True, True]))
+    assert failures[0] == "1 of 4 validation runs diverged (0 with the starting gains)"
+
+
+def test_most_runs_unsettled_is_a_failure_and_few_are_a_caution():
+    few, most = ([True, True, True, False], [False, False, False, True])
+    failures, cautions = said(metrics([0.2] * 4), metrics([0.1] * 4, settled=few))
+    assert failures == [] and cautions[0].startswith("1 of 4 validation runs have not settled within 0.05")
+    failures, cautions = said(metrics([0.2] * 4), metrics([0.1] * 4, settled=most))
+    assert failures[0].startswith("3 of 4 validation runs have not settled") and cautions == []
+
+
+def test_gains_that_are_worse_where_nobody_tuned_are_a_failure():
+    failures, _ = said(metrics([0.2, 0.4]), metrics([0.2, 0.5]))  # means 0.3 and 0.35
+    assert failures == ["on the validation scenarios the goal is 16.7% worse than before"]
+
+
+def test_what_rises_though_the_goal_falls_is_named():
+    _, cautions = said(metrics([0.2, 0.4], late=[0.01, 0.02]), metrics([0.1, 0.2], late=[0.015, 0.02]))
+    assert "mean rmse_late_x rose from 0.015 to 0.0175 m (+17%)" in cautions
+    assert not any("worst rmse_late_x" in line for line in cautions)
+
+
+def test_limits_hold_relative_to_the_starting_gains_in_the_same_scenarios():
+    objective = Objective(goals=GOAL, limits=within({"peak_heading": 1.0}))
+    same = said(metrics([0.2] * 2, command=3.0), metrics([0.1] * 2, command=3.0), objective)
+    assert same == ([], [])
+    _, cautions = said(metrics([0.2] * 2, command=3.0), metrics([0.1] * 2, command=[3.0, 3.3]), objective)
+    assert "on the validation scenarios mean peak_heading is 3.15, 5.00% above its limit 3" in cautions
+    assert "on the validation scenarios worst peak_heading is 3.3, 10.00% above its limit 3" in cautions
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(9.0, ""), (10.005, ""), (12.0, "effort 12, 20% above the limit 10"), (np.inf, "diverges")]
+)
+def test_the_worst_case_is_held_against_the_limit(value, text):
+    objective = Objective(goals=GOAL, limits=within({"effort": 2.0}))
+    baseline = np.full((3, 2), 5.0)  # mean, worst, tail of total_rmse and effort
+    lines = caveats.worst_case(objective, [Found("effort", value, {}, 1, 1, 1)], baseline)
+    assert (text in lines[0]) if text else lines == []
+
+
+def test_gains_at_a_bound_other_than_0_are_named():
+    gains = Gains(("k1", "zeta", "Lam"), np.array([1.0, 0.1, 0.0]), np.array([np.inf, 3.0, 50.0]))
+    (line,) = caveats.at_bounds(gains, {"k1": 8.0, "zeta": 0.1003, "Lam": 0.001})
+    assert line.startswith("zeta ended at its bound 0.1 ")
