@@ -45,8 +45,9 @@ def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
             each core that this process may use, unless JAX's own JAX_NUM_CPU_DEVICES or XLA_FLAGS say so already.
 
     Returns:
-        What was done, in one sentence to show: set, left alone because XLA_FLAGS already names backend options,
-        too late because JAX has started (then rollouts run several times slower), or refused by this jaxlib.
+        What was done, in one sentence to show: set, now or by an earlier call, left alone because XLA_FLAGS already
+        names backend options, too late because JAX has started (then rollouts run several times slower), or refused by
+        this jaxlib.
 
     Raises:
         ValueError: `devices` is less than 1.
@@ -55,6 +56,8 @@ def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
         raise ValueError(f"devices must be at least 1; got {devices}")
     flags, present = REVERSE if reverse else FAST, os.environ.get("XLA_FLAGS", "")
     if _started():
+        if flags in present:
+            return "fast compiler options are set already"
         return (
             "JAX has already started: compiler options and devices stay as they are, rollouts run several times slower"
         )

@@ -64,7 +64,17 @@ before = jax.local_device_count()
 print(agvjax.tune_xla())
 print(jax.local_device_count() - before)
 """
+AGAIN = """
+import agvjax, jax
+agvjax.tune_xla()
+jax.devices()
+print(agvjax.tune_xla())
+"""
 OWN = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false"
+
+
+def test_a_second_call_says_that_the_options_are_set():
+    assert run(AGAIN) == ["fast compiler options are set already"]
 
 
 @pytest.mark.parametrize(

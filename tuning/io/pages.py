@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -21,14 +22,15 @@ STYLE = (
 
 def grid(header: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
     """A Markdown table; numbers with four digits."""
-    text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in lines]
-    rows = ["| " + " | ".join(line) + " |" for line in (list(header), *text)]
+    text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in (header, *lines)]
+    rows = ["| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in text]
     return "\n".join([rows[0], "|" + "---|" * len(header), *rows[1:]])
 
 
 def html(text: str, folder: Path, title: str) -> str:
     """A page of HTML that needs no other file: the Markdown `text` with its figures, which lie in `folder`, inside."""
-    body = MarkdownIt("commonmark").enable("table").render(text)
+    # names in the data (files, columns, folders) must not become tags
+    body = MarkdownIt("commonmark", {"html": False}).enable("table").render(text)
 
     def inside(match: re.Match[str]) -> str:
         picture = base64.b64encode((folder / match.group(1)).read_bytes()).decode()
@@ -36,7 +38,7 @@ def html(text: str, folder: Path, title: str) -> str:
 
     body = re.sub(r'src="([\w.]+\.(png|gif))"', inside, body)
     return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head>
+<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style></head>
 <body>
 {body}</body></html>
 """
