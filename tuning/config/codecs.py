@@ -127,10 +127,6 @@ def _judged(
     return Codec(read, write)
 
 
-def _default_limits(plant: agvjax.Plant) -> dict[str, Limit]:
-    return {name: limit for name, limit in default_limits().items() if name in metrics_of(plant)}
-
-
 def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> Correlation | None:
     leaves, rows = (table["leaves"], table["matrix"]) if set(table) == {"leaves", "matrix"} else (None, None)
     matrix = numbers(rows) if isinstance(leaves, list) and isinstance(rows, list) else None
@@ -205,7 +201,7 @@ CODECS = {
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
     "tune.goals": _judged(lambda x: Weights(mean=x), METRICS),
-    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), METRICS, _default_limits),
+    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), METRICS, lambda plant: default_limits(metrics_of(plant))),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
     "sweep.metrics": _names(),

@@ -23,8 +23,7 @@ def complete(config: Config) -> Config:
     if tune.gains is None:
         tune = dataclasses.replace(tune, gains=law.gains_to_tune(plant.commands_heading))
     if tune.limits is None:
-        limits = {name: limit for name, limit in default_limits().items() if name in known}
-        tune = dataclasses.replace(tune, limits=limits)
+        tune = dataclasses.replace(tune, limits=default_limits(known))
     if ensemble.draws is None:
         draws = {name: draw for name, draw in default_draws(plant.actuators).items() if name in leaves}
         ensemble = dataclasses.replace(ensemble, draws=draws)
