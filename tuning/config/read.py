@@ -90,9 +90,8 @@ class Reader:
             elif name not in fields:
                 self.unknown(part, value, list(fields))
             elif fields[name].metadata.get("static") and type(fields[name].default) is int:
-                if type(value) is int and value >= 1:
-                    new[name] = value
-                else:
+                new[name] = value
+                if type(value) is not int or value < 1:
                     self.wrong(part, value, "a whole number >= 1")
             else:
                 new[name] = self.read(part, getattr(default, name), value, fields[name].metadata.get("choices", ()))
@@ -141,19 +140,16 @@ class Reader:
             if type(value) is not type(default):
                 self.wrong(key, value, "true or false" if isinstance(default, bool) else "a string")
                 return default
-            return self.chosen(key, default, value, choices)
-        array = numbers(value)
-        listed = key.startswith(("controller.", "scenario."))  # where a leaf may be an array its own rule says which
-        if array is None or (array.ndim and not listed):
-            self.wrong(key, value, "a number or a list of numbers" if listed else "a number")
-            return default
-        if array.ndim:
-            return array
-        whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
-        return self.chosen(key, default, int(array) if whole else float(array), choices)
-
-    def chosen(self, key: str, default: Any, value: Any, choices: Sequence[str | int]) -> Any:
-        """A value that must be one of some."""
+        else:
+            array = numbers(value)
+            listed = key.startswith(("controller.", "scenario."))  # the rule of a leaf says whether it may be an array
+            if array is None or (array.ndim and not listed):
+                self.wrong(key, value, "a number or a list of numbers" if listed else "a number")
+                return default
+            if array.ndim:
+                return array
+            whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
+            value = int(array) if whole else float(array)
         if choices and value not in choices:
             words = [str(x) for x in choices]
             self.wrong(key, value, " or ".join(words) if len(words) < 3 else f"one of {', '.join(words)}")

@@ -45,7 +45,8 @@ class Writer:
 
     def typed(self, key: str, value: Any, place: str) -> Toml:
         """An object with the name of its class, of those that may stand in a `place`."""
-        names = [name for name, cls in CLASSES[place].items() if (value is None if cls is None else type(value) is cls)]
+        kind = None if value is None else type(value)
+        names = [name for name, cls in CLASSES[place].items() if cls is kind]
         if not names and (file := source(type(value), place)):
             names = [type(value).__name__]
             self.imports[file.name] = file.digest
@@ -86,11 +87,9 @@ class Writer:
 def table_of(config: Config, settings: bool = False) -> tuple[dict[str, Toml], Writer]:
     """The table of a configuration, or of all but its law, its scenario and its imports; and its writer."""
     writer = Writer(config.scenario.plant)
-    left = {"imports"} | ({"controller", "scenario"} if settings else set())
-    usual = {field.name: field for field in dataclasses.fields(config)}
-    parts = {name: getattr(config, name) for name in usual if name not in left}
-    default = Config()
-    table = {name: writer.write(name, part, getattr(default, name)) for name, part in parts.items()}
+    left, default = {"imports", "controller", "scenario"} if settings else {"imports"}, vars(Config())
+    parts = {name: part for name, part in vars(config).items() if name not in left}
+    table = {name: writer.write(name, part, default[name]) for name, part in parts.items()}
     return writer.plain("", table), writer
 
 
