@@ -95,6 +95,10 @@ class Design(NamedTuple):
         """Scenarios of the sweep."""
         return int(np.prod(self.shape, dtype=int)) * self.samples
 
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., N) of all scenarios by place in the grid and sample: (..., *shape, samples)."""
+        return values.reshape(*values.shape[:-1], *self.shape, self.samples)
+
     @property
     def names(self) -> tuple[str, ...]:
         """The leaves that vary; a controller's begin with `controller.`."""

@@ -67,8 +67,7 @@ def scale(plan: Design, axis: Axis, places: Any = None) -> tuple[np.ndarray, flo
 
 def _on_map(results: Results, values: np.ndarray, how: Any) -> np.ndarray:
     """Values (N,) on the two axes of a map, over all else."""
-    plan = results.design
-    whole = np.moveaxis(values.reshape(*plan.shape, plan.samples), _mapped(plan), (0, 1))
+    whole = np.moveaxis(results.design.whole(values), _mapped(results.design), (0, 1))
     return how(whole.reshape(*whole.shape[:2], -1), axis=-1)
 
 
@@ -134,7 +133,7 @@ def failures_along(results: Results, which: np.ndarray) -> Figure:
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for i, (name, bad) in enumerate(zip(results.names, which, strict=True)):
-        each = np.moveaxis(bad.reshape(*plan.shape, plan.samples), place, 0).reshape(axis.points, -1)
+        each = np.moveaxis(plan.whole(bad), place, 0).reshape(axis.points, -1)
         ends = np.array([interval(int(row.sum()), row.size) for row in each])
         axes.fill_between(x, ends[:, 0], ends[:, 1], color=f"C{i}", alpha=0.25, lw=0)
         axes.plot(x, each.mean(axis=1), color=f"C{i}", label=name)

@@ -123,32 +123,27 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
         law: the controller.
         seeker: from `adversary`, for the bounds that `which` was found with.
     """
-    reach, law, rounds = Reach.of(results.design), agvjax.check(law), 0
-    still = _with_nominal(results, reach)
-    distance = np.where(still, reach.distance(results.leaves), np.inf)
-    near = which & still & (distance <= 1)  # a distribution draws beyond the ends too
-    known = distance[near]
-    high = float(known.min()) if known.size else np.inf
-    nearest = {}
-    if known.size:
-        number = int(np.argmin(np.where(near, distance, np.inf)))
-        nearest = {name: np.asarray(x[number]) for name, x in results.leaves.items()}
-    searches, low, stood = 0, 0.0, 0
+    reach, law = Reach.of(results.design), agvjax.check(law)
+    distance = np.where(_with_nominal(results, reach), reach.distance(results.leaves), np.inf)
+    near = np.where(which & (distance <= 1), distance, np.inf)  # a distribution draws beyond the ends too
+    number = int(np.argmin(near))
+    high, nearest = float(near[number]), {name: np.asarray(x[number]) for name, x in results.leaves.items()}
+    rounds, searches, low, stood = 0, 0, 0.0, 0
 
     def seek(r: float) -> tuple[float, dict[str, Any]] | None:
-        """The failure found in the box of r, if there is one, and how far out it lies."""
+        """The failure in the box of r that the search meets, if there is one, and how far out it lies."""
         nonlocal rounds, searches, stood
-        found = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
+        worst = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
         rounds += 1
-        searches += sum(f.searches for f in found)
-        bad = [f for f in found if not f.value <= 1]
-        if not bad:
+        searches += sum(scenario.searches for scenario in worst)
+        failures = [scenario for scenario in worst if not scenario.value <= 1]
+        if not failures:
             stood += 1
             return None
-        moves = [np.array([f.scenario[label] for label in seeker.scenario]) for f in bad]
-        first = int(np.argmin([np.abs(move).max() for move in moves]))
-        leaves = {name: np.asarray(x)[0] for name, x in reach.leaves(jnp.asarray(r * moves[first])[None]).items()}
-        return float(r * np.abs(moves[first]).max()), leaves
+        moves = [np.array([failure.scenario[label] for label in seeker.scenario]) for failure in failures]
+        move = min(moves, key=lambda move: np.abs(move).max())
+        leaves = {name: np.asarray(x)[0] for name, x in reach.leaves(jnp.asarray(r * move)[None]).items()}
+        return float(r * np.abs(move).max()), leaves
 
     if (at := seek(0.0)) is not None:
         high, nearest = at
@@ -158,11 +153,12 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
             low = middle
         elif at[0] < high:
             high, nearest = at
-    inside = int((still & (distance <= low)).sum()) + stood * seeker.scouts
+    inside = int((distance <= low).sum()) + stood * seeker.scouts
     ends: dict[str, tuple[float, float]] = {}
     for _, target in targets_of(reach.axes):
         ends |= _spans(target, reach.ends(target), low)
-    return Radius(low, high if np.isfinite(high) else None, nearest, searches, inside, ends)
+    failure, nearest = (high, nearest) if np.isfinite(high) else (None, {})
+    return Radius(low, failure, nearest, searches, inside, ends)
 
 
 def _with_nominal(results: Results, reach: Reach) -> np.ndarray:

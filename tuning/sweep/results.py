@@ -53,7 +53,7 @@ class Results(NamedTuple):
 
     def grid(self, metric: str) -> np.ndarray:
         """A metric by controller, place in the grid, and sample: (C, *shape, samples)."""
-        return self.metrics[metric].reshape(-1, *self.design.shape, self.design.samples)
+        return self.design.whole(self.metrics[metric])
 
     def to_xarray(self) -> xarray.Dataset:
         """An `xarray.Dataset` with named dimensions; coordinates and metrics carry their unit in `attrs`.
@@ -63,13 +63,13 @@ class Results(NamedTuple):
         """
         import xarray
 
-        plan, shape = self.design, (*self.design.shape, self.design.samples)
+        plan = self.design
         dims = (*(axis.targets[0].name for axis in plan.grid), "sample")
         data = {
-            name: (("controller", *dims), values.reshape(-1, *shape), {"units": self.manifest.metrics[name]})
+            name: (("controller", *dims), plan.whole(values), {"units": self.manifest.metrics[name]})
             for name, values in self.metrics.items()
         }
-        data["ok"] = (("controller", *dims), self.ok.reshape(-1, *shape), {"units": "1"})
+        data["ok"] = (("controller", *dims), plan.whole(self.ok), {"units": "1"})
         coordinates: dict[str, Any] = {"controller": list(self.names)}
         # a dimension has the name of its first leaf; what moves with it are coordinates along it
         for axis, target in targets_of(plan.grid):
