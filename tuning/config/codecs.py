@@ -138,19 +138,18 @@ def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str,
 
 def _slope(reader: Reader, key: str, default: Setting, table: Toml) -> Setting:
     """A believed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
-    known = isinstance(table, Mapping)
-    return reader.fields(key, agvjax.readings.KnownSlopes(), table) if known else reader.plain(key, 1.0, table)
+    if isinstance(table, Mapping):
+        return reader.fields(key, agvjax.readings.KnownSlopes(), table)
+    return reader.plain(key, 1.0, table)
 
 
 def _deadzones(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
     """By actuator a table that changes the nominal deadzone, or "none" for an actuator without one."""
-    for name in set(table) - set(reader.plant.actuators):
-        reader.unknown(f"{key}.{name}", table[name], reader.plant.actuators)
-    tables = {name: table.get(name, {} if name in default else "none") for name in reader.plant.actuators}
+    tables = {**dict.fromkeys(default, {}), **reader.named(key, table, reader.plant.actuators)}
     return {
-        name: reader.fields(f"{key}.{name}", default.get(name, agvjax.Deadzone()), part)
-        for name, part in tables.items()
-        if part != "none"
+        name: reader.fields(f"{key}.{name}", default.get(name, agvjax.Deadzone()), tables[name])
+        for name in reader.plant.actuators
+        if tables.get(name, "none") != "none"
     }
 
 
@@ -164,10 +163,8 @@ def _chains(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml
     if not all(isinstance(chain, Mapping) for chain in table.values()):
         reader.wrong(key, table, CHAINS)
         return default
-    actuators = reader.plant.actuators
-    for name in set(table) - set(actuators):
-        reader.unknown(f"{key}.{name}", table[name], actuators)
-    return {name: _chain(reader, f"{key}.{name}", table[name]) for name in table if name in actuators}
+    chains = reader.named(key, table, reader.plant.actuators)
+    return {name: _chain(reader, f"{key}.{name}", parts) for name, parts in chains.items()}
 
 
 def _chain(reader: Reader, key: str, table: Mapping[str, Toml]) -> agvjax.Chain:

@@ -82,8 +82,9 @@ def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optiona
 
 def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, values: np.ndarray) -> None:
     """Refuse times that do not increase from row to row."""
-    if np.any(np.diff(values) <= 0):
-        at = int(np.argmax(np.diff(values) <= 0)) + 1
+    back = np.diff(values) <= 0
+    if back.any():
+        at = int(np.argmax(back)) + 1
         now, before = (f"{values[i]:.15g}" for i in (at, at - 1))
         raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} must be above {before}, the time before")
 
