@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import agvjax
@@ -88,7 +88,6 @@ def _axes() -> Codec:
 
 def _judged(
     of: Callable[[float], Setting],
-    names: Collection[str] = (),
     base: Callable[[agvjax.Plant], Mapping[str, Setting]] = lambda plant: {},
     blank: str = "",
 ) -> Codec:
@@ -96,24 +95,21 @@ def _judged(
 
     Args:
         of: the object that a number stands for.
-        names: the metrics that there are; empty where another rule says so.
-        base: what the table adds to; a table of nothing takes one of them away.
-        blank: the field that is written where all are the default; empty: none is.
+        base: what the table adds to; a table in which all is the default takes one of them away.
+        blank: the field that is written where all are the default, which takes nothing away then; empty: none is.
     """
     usual = type(of(1.0))()
 
     def read(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, Setting]:
-        values, taken = dict(base(reader.plant)), []
-        for name, value in table.items():
-            part = f"{key}.{name}"
-            if names and name not in names:
-                reader.unknown(part, value, tuple(names))
-            elif isinstance(value, Mapping):
-                values[name] = reader.fields(part, usual, value)
-                taken += [name] if values[name] == usual and not blank else []
-            else:
-                values[name] = of(reader.plain(part, 1.0, value))
-        return {name: value for name, value in values.items() if name not in taken}
+        values = dict(base(reader.plant))
+        for name, value in reader.named(key, table, tuple(METRICS)).items():
+            if not isinstance(value, Mapping):
+                values[name] = of(reader.plain(f"{key}.{name}", 1.0, value))
+                continue
+            values[name] = reader.fields(f"{key}.{name}", usual, value)
+            if values[name] == usual and not blank:
+                del values[name]
+        return values
 
     def write(writer: Writer, key: str, values: Mapping[str, Setting]) -> Toml:
         return {name: one(x) for name, x in {**dict.fromkeys(base(writer.plant), usual), **values}.items()}
@@ -197,8 +193,8 @@ CODECS = {
     "tune.gains": _names(0),
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
-    "tune.goals": _judged(lambda x: Weights(mean=x), METRICS),
-    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), METRICS, lambda plant: default_limits(metrics_of(plant))),
+    "tune.goals": _judged(lambda x: Weights(mean=x)),
+    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), lambda plant: default_limits(metrics_of(plant))),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
     "sweep.metrics": _names(),

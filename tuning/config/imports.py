@@ -50,15 +50,14 @@ def load_files(paths: Iterable[str]) -> dict[str, str]:
         agvjax.InputError: a file cannot be executed, or a class in it cannot be named in TOML.
     """
     imports: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for path in paths:
         file = _load(path)
         if imports.setdefault(file.name, file.digest) != file.digest:
             raise _wrong(path, f"of another name: {file.name} is given twice, with different contents")
-    owners: dict[str, str] = {}
-    for name, digest in imports.items():
-        for cls in _FILES[digest].classes:
-            if owners.setdefault(cls, name) != name:
-                raise _wrong(name, f"without a class {cls}: {owners[cls]} has one")
+        for cls in file.classes:
+            if owners.setdefault(cls, file.name) != file.name:
+                raise _wrong(path, f"without a class {cls}: {owners[cls]} has one")
     return imports
 
 

@@ -107,7 +107,11 @@ def dump(config: Config, strict: bool = True) -> str:
     imports = {**config.imports, **writer.imports}
     if strict and (faults := writer.faults or _changed(config, table, imports)):
         raise agvjax.InputError(faults)
-    return tomli_w.dumps({"version": VERSION} | ({"imports": imports} if imports else {}) | table)
+    return _text(table, imports)
+
+
+def _text(table: Mapping[str, Toml], imports: Mapping[str, str]) -> str:
+    return tomli_w.dumps({"version": VERSION} | ({"imports": imports} if imports else {}) | dict(table))
 
 
 def _changed(config: Config, table: dict[str, Toml], imports: Mapping[str, str]) -> list[agvjax.Fault]:
@@ -127,8 +131,6 @@ def gains_table(controller: agvjax.Law) -> str:
     """`gains.toml`: the controller, which `--config` reads back; of a law that TOML has no name for its numbers."""
     writer = Writer(agvjax.Decoupled())
     table = writer.plain("", {"controller": writer.write("controller", controller, controller)})
-    imports = {"imports": writer.imports} if writer.imports else {}
     if not writer.faults:
-        return tomli_w.dumps({"version": VERSION, **imports, **table})
-    numbers = {name: np.asarray(x).tolist() for name, x in agvjax.leaves(controller).items()}
-    return tomli_w.dumps({"version": VERSION, "gains": numbers})
+        return _text(table, writer.imports)
+    return _text({"gains": {name: np.asarray(x).tolist() for name, x in agvjax.leaves(controller).items()}}, {})

@@ -95,10 +95,9 @@ def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]
         text = Path(file).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{file} is no text file in UTF-8") from error
-    except OSError as error:
-        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
-    except ValueError as error:  # a name that no file can have
-        raise ValueError(f"{file} cannot be read: {error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ValueError(f"{file} cannot be read: {reason}") from error
     if "\0" in text:
         raise ValueError(f"{file} is no text file")
     reader = csv.reader(text.splitlines())

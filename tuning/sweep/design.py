@@ -210,15 +210,10 @@ def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: in
 
 @functools.lru_cache(2)
 def _table(method: str, width: int, base: int, seed: int) -> np.ndarray:
-    """A design that is made as a whole."""
+    """A design that is made as a whole; by SALib for Sobol indices (Saltelli's scheme) or for Morris' screening."""
     if method == "latin":
         random: Any = {"seed": np.random.default_rng(seed)}  # `rng` since SciPy 1.15, which takes either
         return qmc.LatinHypercube(width, **random).random(base)
-    return sensitivity_points(method, width, base, seed)
-
-
-def sensitivity_points(method: str, width: int, base: int, seed: int) -> np.ndarray:
-    """SALib's samples for Sobol indices (Saltelli's scheme, first and total order) or for Morris' screening."""
     from SALib.sample import morris, sobol  # an extra, and slow to import
 
     problem = unit_problem([f"x{i}" for i in range(width)])

@@ -132,7 +132,7 @@ def read_shard(folder: Path, manifest: Manifest, shard: int) -> dict[str, np.nda
     """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
-            arrays = {OLD_ARRAYS.get(name, name): file[name] for name in file.files}  # zip knows a checksum of each
+            arrays = {OLD_ARRAYS.get(name, str(name)): file[name] for name in file}  # zip knows a checksum of each
         about = tuple(arrays.pop(name) for name in ("digest", "first", "count"))
         names = {"result/ok", *(f"result/{n}" for n in manifest.metrics), *(f"leaf/{n}" for n in manifest.leaves)}
         return arrays if about == (manifest.digest, *manifest.span(shard)) and names == set(arrays) else None
