@@ -9,11 +9,11 @@ import numpy as np
 
 import agvjax
 from agvjax import Fault, InputError
-from agvjax.protocols import Disturbance, Heading, Law, Path, Plant, Sensor
+from agvjax.protocols import Element
 
 from ..ensemble.draws import correlated
 from .complete import complete
-from .imports import classes
+from .imports import PLACES, classes
 from .old import present, warned
 from .read import Reader
 from .settings import Config
@@ -21,8 +21,7 @@ from .write import table_of
 
 MOST_STEPS = 1e8
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
-BASES = {"controller": Law, "scenario": agvjax.Scenario}
-SCENARIO_BASES = {"plant": Plant, "path": Path, "disturbance": Disturbance, "heading": Heading, "sensor": Sensor}
+BASES = {"scenario": agvjax.Scenario} | {places[0]: base for base, places in PLACES.items() if base is not Element}
 OPTIONAL = ("scenario.heading", "scenario.sensor")
 
 
@@ -71,14 +70,12 @@ def checked(config: Config, rules: Rules, wrong: list[Fault]) -> Config:
 
 def _foreign(config: Config) -> list[Fault]:
     """Law and scenario, and the parts of a scenario, that are of another class."""
-    bases = dict(BASES)
-    if isinstance(config.scenario, agvjax.Scenario):
-        bases |= {f"scenario.{name}": base for name, base in SCENARIO_BASES.items()}
-    parts = {key: operator.attrgetter(key)(config) for key in bases}
+    has_parts = isinstance(config.scenario, agvjax.Scenario)
+    parts = {key: operator.attrgetter(key)(config) for key in BASES if has_parts or "." not in key}
     return [
-        Fault(key, repr(part), f"an agvjax.{bases[key].__name__}: of a class that derives from it")
+        Fault(key, repr(part), f"an agvjax.{BASES[key].__name__}: of a class that derives from it")
         for key, part in parts.items()
-        if not isinstance(part, bases[key]) and not (part is None and key in OPTIONAL)
+        if not isinstance(part, BASES[key]) and not (part is None and key in OPTIONAL)
     ]
 
 

@@ -22,7 +22,7 @@ from .spellings import Toml, flat
 
 
 class Writer:
-    """Makes tables of objects; collects what TOML has no words for, and the files that classes come from."""
+    """Makes tables of objects; collects what cannot be written in TOML, and the files that classes come from."""
 
     def __init__(self, plant: agvjax.Plant) -> None:
         self.faults: list[agvjax.Fault] = []

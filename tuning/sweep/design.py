@@ -37,7 +37,7 @@ class Target(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is written: `start.position[0]`."""
+        """As it is written in TOML: `start.position[0]`."""
         return self.leaf if self.element is None else f"{self.leaf}[{self.element}]"
 
 
@@ -49,7 +49,7 @@ class Axis(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is written."""
+        """The names of its targets, joined by +."""
         return "+".join(target.name for target in self.targets)
 
     @property
@@ -114,7 +114,7 @@ class Design(NamedTuple):
         return nominal if target.element is None else nominal[target.element]
 
     def unit(self, leaf: str) -> str:
-        """Its unit."""
+        """The unit of a leaf."""
         return unit_of(*self._home(leaf))
 
     def _home(self, leaf: str) -> tuple[Law | agvjax.Scenario, str]:

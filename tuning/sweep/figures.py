@@ -52,7 +52,7 @@ def _with_unit(metric: str) -> str:
 
 
 def label(plan: Design, axis: Axis) -> str:
-    """Of an axis: its first leaf and unit, and what moves with it."""
+    """What is written along an axis: its first leaf and unit, and what moves with it."""
     first, *more = axis.targets
     text = f"{first.name} [{plan.unit(first.leaf)}]"
     return text + "".join(f"\nwith {target.name}" for target in more)

@@ -19,7 +19,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 
 
 class Failures(NamedTuple):
-    """Of one controller."""
+    """How many runs of one controller failed, and what that says of the probability."""
 
     failed: int
     runs: int

@@ -25,7 +25,7 @@ BLOCK = 64  # scenarios rolled out together, each with its tangents
 
 
 class Radius(NamedTuple):
-    """Of one controller."""
+    """How far one controller keeps all bounds, and the nearest failure that was met."""
 
     radius: float  # nothing was found to fail within; 1: in the whole of every axis; 0: the nominal run fails
     failure: float | None  # how far out the nearest failure lies that was found

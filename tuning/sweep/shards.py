@@ -161,7 +161,7 @@ class Claim:
         return True
 
     def release(self) -> None:
-        """Let go."""
+        """Give the claim back."""
         self._done.set()
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)

@@ -21,7 +21,7 @@ from .work import Judge
 
 
 class SweepVerdict(NamedTuple):
-    """Besides the results themselves."""
+    """What the results of a sweep show, of every controller."""
 
     nominal: list[dict[str, float]]  # metrics of the nominal run, of every controller
     bounds: dict[str, float]  # beyond which a run has failed
