@@ -17,7 +17,7 @@ from agvjax.leaves import leaves, rule_of, unit_of
 
 from .. import config as configuration
 from ..config.settings import Config
-from ..io.files import Json
+from ..io.files import Json, finite
 
 UNSTATED = "not stated: no config.toml beside the gains"
 
@@ -94,10 +94,8 @@ def _uncertainty(config: Config) -> Json:
     return {"nominal": scenario, "ensemble": table["ensemble"]}
 
 
-def finite(value: PyTree) -> PyTree:
-    """Plain data without infinities and NaN, which JSON and Python literals cannot say."""
-    if isinstance(value, dict):
-        return {key: finite(x) for key, x in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(x) for x in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+def filled(template: str, parts: dict[str, str]) -> str:
+    """The text of a template with each @KEY@ replaced by the part of that key."""
+    for key, value in parts.items():
+        template = template.replace(f"@{key}@", value)
+    return template

@@ -13,9 +13,9 @@ from jaxtyping import PyTree
 from agvjax import Fault, InputError
 
 from . import program
-from .artefact import Artefact
+from .artefact import Artefact, filled
 from .expressions import FUNCTIONS, Language, expression, text
-from .program import Field, Operand, Program
+from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
@@ -27,6 +27,7 @@ RESERVED = frozenset(
 )
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
+LIMITED = "    int limited; /* whether the law kept something back */"
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
@@ -40,8 +41,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         raise InputError([Fault("--name", name, rule)])
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     header, rows = table(artefact.controller, step)
-    inputs = [f"output.{_place(f, i)}" for f in step.results["inputs"] for i in np.ndindex(f.shape)]
-    compared = [f"        got[i++] = (double){place};" for place in inputs]
+    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
@@ -49,24 +49,16 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         f" {float(artefact.controller.period):g} s at a time.",
         "PERIOD": f"{float(artefact.controller.period):g}",
         "ROWS": str(len(rows)),
-        "FIRST": inputs[0].removeprefix("output."),
-        "COMPARED": "\n".join(compared),
+        "FIRST": inputs[0],
+        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
     }
-    texts = {"main.c": "main.c.txt", "Makefile": "Makefile.txt", "README.md": "README.md.txt"}
-    made = {file: _filled(template, parts) for file, template in texts.items()}
-    return made | {
+    same = ("main.c", "Makefile", "README.md")  # but for their parts
+    return {file: filled((TEMPLATES / f"{file}.txt").read_text(encoding="utf-8"), parts) for file in same} | {
         f"{name}.h": _header(artefact, step, name),
         f"{name}.c": _source(artefact, step, start, name),
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
-
-
-def _filled(template: str, parts: dict[str, str]) -> str:
-    made = (TEMPLATES / template).read_text(encoding="utf-8")
-    for key, value in parts.items():
-        made = made.replace(f"@{key}@", value)
-    return made
 
 
 def _language(name: str) -> Language:
@@ -85,10 +77,6 @@ def _double(x: float) -> str:
     if not np.isfinite(x):
         return "HUGE_VAL" if x > 0 else "-HUGE_VAL" if x < 0 else "(HUGE_VAL - HUGE_VAL)"
     return repr(float(x))
-
-
-def _place(field: Field, index: Sequence[int]) -> str:
-    return field.member + "".join(f"[{i}]" for i in index)
 
 
 def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
@@ -115,12 +103,11 @@ def _header(artefact: Artefact, step: Program, name: str) -> str:
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
-        _output(step, name),
+        _struct(f"{name}_output", step.results["inputs"], {}, [LIMITED]),
     ]
-    told = json.dumps(artefact.provenance, indent=2).replace("*/", "* /")
-    given = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
+    start, one = _signatures(name)
     return f"""/*
-{told}
+{json.dumps(artefact.provenance, indent=2).replace("*/", "* /")}
 */
 #ifndef {name.upper()}_H
 #define {name.upper()}_H
@@ -141,22 +128,20 @@ extern const {name}_gains {name}_tuned;
 extern const char {name}_configuration[65];
 
 /* The state of a law that starts now. */
-void {name}_start({given}
-    const {name}_reference *reference);
+{start};
 
 /* One period: what to ask of the actuators, to be held until the next; the state goes on. */
-void {name}_step({given}
-    const {name}_reference *reference, {name}_output *output);
+{one};
 
 #endif
 """
 
 
-def _output(step: Program, name: str) -> str:
-    more = ["    int limited; /* whether the law kept something back */"]
-    fields = [*step.results["inputs"]]
-    lines = [f"    {name}_real {f.member}{''.join(f'[{n}]' for n in f.shape)};" for f in fields]
-    return "typedef struct {\n" + "\n".join([*lines, *more]) + f"\n}} {name}_output;"
+def _signatures(name: str) -> tuple[str, str]:
+    """Of the functions that start and that step."""
+    arguments = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
+    begun = f"({arguments}\n    const {name}_reference *reference"
+    return f"void {name}_start{begun})", f"void {name}_step{begun}, {name}_output *output)"
 
 
 def _source(artefact: Artefact, step: Program, start: Program, name: str) -> str:
@@ -164,7 +149,7 @@ def _source(artefact: Artefact, step: Program, start: Program, name: str) -> str
     values = [f"    {_initial(gains[f.name], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     used = {o.primitive for o in (*step.operations, *start.operations)}
     functions = sorted({FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set()))
-    given = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
+    start_signature, step_signature = _signatures(name)
     return f"""#include "{name}.h"
 
 #include <math.h>
@@ -183,16 +168,14 @@ const {name}_gains {name}_tuned = {{
 
 const char {name}_configuration[65] = "{artefact.provenance["configuration_sha256"]}";
 
-void {name}_start({given}
-    const {name}_reference *reference)
+{start_signature}
 {{
-{_body(start, name, start.results["state"], ())}
+{_body(start, name)}
 }}
 
-void {name}_step({given}
-    const {name}_reference *reference, {name}_output *output)
+{step_signature}
 {{
-{_body(step, name, step.results["state"], step.results["inputs"], step.results["limited"][0].variables[0])}
+{_body(step, name)}
 }}
 """
 
@@ -204,42 +187,30 @@ def _initial(value: PyTree, name: str) -> str:
     return f"{name.upper()}_R({_double(value)})"
 
 
-def _body(
-    program: Program, name: str, state: Sequence[Field], inputs: Sequence[Field], limited: Operand | None = None
-) -> str:
-    language, real = _language(name), f"{name}_real"
-
-    read = {v for operation in program.operations for v in operation.inputs} | {limited}
-    read |= {v for field in (*state, *inputs) for v in field.variables}
-    lines, idle = [], []
+def _body(program: Program, name: str) -> str:
+    language, real, read = _language(name), f"{name}_real", program.read
+    declared, idle = [], []
     for group in GROUPS:
         fields = program.arguments.get(group, ())
-        own = [
-            f"const {real} {v} = {group}->{_place(field, index)};"
-            for field in fields
-            for index, v in zip(np.ndindex(field.shape), field.variables, strict=True)
-            if v in read
-        ]
-        lines += own
-        idle += [] if own or group == "state" else [f"(void){group};"]
+        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
+        declared += [f"const {real} {v} = {group}->{member};" for member, v in used]
+        idle += [] if used or group == "state" else [f"(void){group};"]
     for operation in program.operations:
         kind = "int" if operation.flag else real
-        lines.append(f"const {kind} {operation.name} = {expression(operation, language)};")
-    for target, fields in (("state", state), ("output", inputs)):
-        for field in fields:
-            for index, v in zip(np.ndindex(field.shape), field.variables, strict=True):
-                lines.append(f"{target}->{_place(field, index)} = {text(v, language)};")
-    if not state:
-        lines.append(f"state->{EMPTY} = {language.number(0.0)};")
-    if limited is not None:
-        lines.append(f"output->limited = {text(limited, language)};")
-    declared = [line for line in lines if line.startswith("const ")]
-    rest = [line for line in lines if not line.startswith("const ")]
-    return "\n".join(f"    {line}" for line in (*declared, *idle, *rest))
+        declared.append(f"const {kind} {operation.name} = {expression(operation, language)};")
+    targets = {"state": "state", "inputs": "output", "empty": "state", "limited": "output"}
+    empty = {} if program.results["state"] else {"empty": (Field(EMPTY, (), (0.0,)),)}
+    results = [
+        f"{target}->{field.member}{place} = {text(value, language)};"
+        for group, target in targets.items()
+        for field in (program.results | empty).get(group, ())
+        for place, value in field.elements
+    ]
+    return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
 
 
 def _vectors(step: Program, rows: np.ndarray) -> str:
-    """The table for main.c."""
+    """`vectors.h`: the rows of the self-test, with their number and the sizes of their parts."""
     counts = {group.upper(): sum(len(f.variables) for f in step.arguments[group]) for group in GROUPS[1:]}
     counts["RESULTS"] = counts["STATE"] + sum(len(f.variables) for f in step.results["inputs"])
     lines = ["    {" + ", ".join(map(_double, row)) + "}," for row in rows.tolist()]

@@ -6,8 +6,9 @@ import pprint
 
 import numpy as np
 
+from ..io.files import finite
 from . import program
-from .artefact import Artefact, finite
+from .artefact import Artefact, filled
 from .expressions import Language, expression, text
 from .program import Field, Program
 
@@ -80,15 +81,15 @@ class Controller:
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
-    """The file."""
+    """One file, `NAME.py`."""
     law = artefact.controller
     step, start = program.step(law), program.start(law)
     gains = {name: fact["value"] for name, fact in artefact.provenance["gains"].items()}
-    interface = [_said("measurement", step.arguments["measurement"]), _said("reference", step.arguments["reference"])]
+    interface = {group: step.arguments[group] for group in ("measurement", "reference")}
     parts = {
         "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}.",
         "GENERATOR": artefact.provenance["generator"],
-        "INTERFACE": "\n".join(interface),
+        "INTERFACE": "\n".join(f"    {group}: {_listed(fields)}" for group, fields in interface.items()),
         "PERIOD": repr(float(law.period)),
         "INPUTS": repr(tuple(artefact.provenance["inputs"])).replace("'", '"'),
         "GAINS": _literal(gains),
@@ -96,15 +97,12 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "START": _start(start),
         "STEP": _step(step),
     }
-    made = TEXT
-    for key, value in parts.items():
-        made = made.replace(f"@{key}@", value)
-    return {f"{name}.py": made}
+    return {f"{name}.py": filled(TEXT, parts)}
 
 
-def _said(group: str, fields: tuple[Field, ...]) -> str:
-    shown = ", ".join(f"{f.name} {f.shape}" if f.shape else f.name for f in fields)
-    return f"    {group}: {shown}"
+def _listed(fields: tuple[Field, ...]) -> str:
+    """Names, with shapes where they are arrays."""
+    return ", ".join(f"{f.name} {f.shape}" if f.shape else f.name for f in fields)
 
 
 def _literal(value: object) -> str:
@@ -113,26 +111,25 @@ def _literal(value: object) -> str:
 
 
 def _unpacked(program: Program) -> list[str]:
-    """Arguments as numbers."""
-    lines = []
-    read = {v for operation in program.operations for v in operation.inputs}
-    read |= {v for fields in program.results.values() for field in fields for v in field.variables}
-    for group, fields in program.arguments.items():
-        for field in fields:
-            for index, variable in zip(np.ndindex(field.shape), field.variables, strict=True):
-                if variable in read:
-                    place = "".join(f"[{i}]" for i in index)
-                    lines.append(f'{variable} = np.float64({group}["{field.name}"]{place})')
-    return lines + [f"{o.name} = {expression(o, PYTHON)}" for o in program.operations]
+    """Lines that take the arguments apart into numbers, then one for each operation."""
+    read = program.read
+    numbers = [
+        f'{variable} = np.float64({group}["{field.name}"]{place})'
+        for group, fields in program.arguments.items()
+        for field in fields
+        for place, variable in field.elements
+        if variable in read
+    ]
+    return numbers + [f"{o.name} = {expression(o, PYTHON)}" for o in program.operations]
 
 
 def _packed(fields: tuple[Field, ...]) -> str:
     """Results as a dictionary of numbers and lists."""
-    items = []
-    for field in fields:
-        values = np.array([text(v, PYTHON) for v in field.variables], object).reshape(field.shape).tolist()
-        items.append(f'"{field.name}": {_nested(values)}')
-    return "{\n        " + ",\n        ".join(items) + ",\n    }" if items else "{}"
+    if not fields:
+        return "{}"
+    texts = {f.name: np.array([text(v, PYTHON) for v in f.variables], object).reshape(f.shape) for f in fields}
+    items = ",\n        ".join(f'"{name}": {_nested(values.tolist())}' for name, values in texts.items())
+    return f"{{\n        {items},\n    }}"
 
 
 def _nested(values: list[str] | str) -> str:
@@ -140,14 +137,13 @@ def _nested(values: list[str] | str) -> str:
 
 
 def _start(program: Program) -> str:
-    lines = _unpacked(program)
     head = "def _start(gains, measurement, reference):"
-    return "\n    ".join([head, *lines, f"return {_packed(program.results['state'])}"])
+    return "\n    ".join([head, *_unpacked(program), f"return {_packed(program.results['state'])}"])
 
 
 def _step(program: Program) -> str:
+    later, inputs = _packed(program.results["state"]), _packed(program.results["inputs"])
     limited = text(program.results["limited"][0].variables[0], PYTHON)
     head = "def _step(gains, state, measurement, reference):"
-    later, inputs = _packed(program.results["state"]), _packed(program.results["inputs"])
     tail = [f"later = {later}", f"inputs = {inputs}", f"return later, inputs, bool({limited})"]
     return "\n    ".join([head, *_unpacked(program), *tail])
