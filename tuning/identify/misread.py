@@ -27,7 +27,7 @@ class CommandReading(NamedTuple):
 
 def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[CommandReading]:
     """Every other reading: units, then all orders and signs, those with the fewest changes first."""
-    eye, places, found = np.eye(len(names)), [columns.get(name, Column(name)) for name in names], []
+    eye, places, moves = np.eye(len(names)), [columns.get(name, Column(name)) for name in names], []
     for factor, words in UNITS.items():
         yield CommandReading(factor * eye, words, _spelled(names, places, [factor] * len(names)))
     for order in itertools.permutations(range(len(names))):
@@ -37,13 +37,9 @@ def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Co
             parts = [f"{' and '.join(moved)} exchanged"] if moved else []
             parts += [f"{' and '.join(turned)} of the other sign"] if turned else []
             mended = _spelled(names, [places[k] for k in order], signs)
-            found.append(
-                (
-                    len(moved) + len(turned),
-                    CommandReading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended),
-                )
-            )
-    yield from (reading for changes, reading in sorted(found, key=lambda row: row[0]) if changes)
+            reading = CommandReading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended)
+            moves.append((len(moved) + len(turned), reading))
+    yield from (reading for changes, reading in sorted(moves, key=lambda row: row[0]) if changes)
 
 
 def misread(

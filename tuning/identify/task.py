@@ -29,14 +29,14 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     Raises:
         agvjax.InputError: names file, column and rule.
     """
-    found = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
-    wrong = logs.same_channels(found)
-    for i, log in enumerate(found):
-        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in found[:i]):
+    drives = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
+    wrong = logs.same_channels(drives)
+    for i, log in enumerate(drives):
+        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in drives[:i]):
             wrong.append(Fault("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
     if wrong:
         raise InputError(wrong)
-    return logs.together(found)
+    return logs.together(drives)
 
 
 def task(files: Sequence[str], config: Config) -> Task:
