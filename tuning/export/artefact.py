@@ -76,15 +76,9 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
 
 
 def _gain(controller: Sampled, name: str, value: PyTree) -> Json:
-    rule = rule_of(controller, name)
-    low, high = (-np.inf, np.inf) if rule is None else (rule.low, rule.high)
-    return {
-        "value": np.asarray(value, float).tolist(),
-        "unit": unit_of(controller, name),
-        "rule": "" if rule is None else rule.text,
-        "low": float(low) if np.isfinite(low) else None,
-        "high": float(high) if np.isfinite(high) else None,
-    }
+    rule, number = rule_of(controller, name), np.asarray(value, float).tolist()
+    text, low, high = ("", None, None) if rule is None else (rule.text, float(rule.low), float(rule.high))
+    return {"value": number, "unit": unit_of(controller, name), "rule": text, "low": low, "high": high}
 
 
 def _uncertainty(config: Config) -> Json:
@@ -94,8 +88,9 @@ def _uncertainty(config: Config) -> Json:
     return {"nominal": scenario, "ensemble": table["ensemble"]}
 
 
-def filled(template: str, parts: dict[str, str]) -> str:
+def filled(template: Path, parts: dict[str, str]) -> str:
     """The text of a template with each @KEY@ replaced by the part of that key."""
+    text = template.read_text(encoding="utf-8")
     for key, value in parts.items():
-        template = template.replace(f"@{key}@", value)
-    return template
+        text = text.replace(f"@{key}@", value)
+    return text

@@ -41,21 +41,31 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         raise InputError([Fault("--name", name, rule)])
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     header, rows = table(artefact.controller, step)
+    period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    used = {o.primitive for o in (*step.operations, *start.operations)}
+    functions = {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
+    gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
-        "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}, one period of"
-        f" {float(artefact.controller.period):g} s at a time.",
-        "PERIOD": f"{float(artefact.controller.period):g}",
+        "TITLE": f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.",
+        "PERIOD": f"{period:g}",
+        "EXACT_PERIOD": _double(period),
         "ROWS": str(len(rows)),
         "FIRST": inputs[0],
         "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "STRUCTS": _structs(artefact, step, name),
+        "FUNCTIONS": ", ".join(sorted(functions)),
+        "GAINS": "\n".join(gains),
+        "HASH": facts["configuration_sha256"],
+        "START": _body(start, name),
+        "STEP": _body(step, name),
+        "PROVENANCE": json.dumps(facts, indent=2).replace("*/", "* /"),
     }
-    same = ("main.c", "Makefile", "README.md")  # but for their parts
-    return {file: filled((TEMPLATES / f"{file}.txt").read_text(encoding="utf-8"), parts) for file in same} | {
-        f"{name}.h": _header(artefact, step, name),
-        f"{name}.c": _source(artefact, step, start, name),
+    texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
+    texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
+    return {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()} | {
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
@@ -94,90 +104,17 @@ UNITS = {"position": "m, of the reference point", "velocity": "m/s, of the refer
 UNITS |= {"yaw_rate": "rad/s", "acceleration": "m/s^2", "heading_rate": "rad/s", "steering_angle": "rad"}
 
 
-# long: one template
-def _header(artefact: Artefact, step: Program, name: str) -> str:
+def _structs(artefact: Artefact, step: Program, name: str) -> str:
     facts = artefact.provenance["gains"]
-    notes = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
+    gains = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
     structs = [
-        _struct(f"{name}_gains", step.arguments["gains"], notes),
+        _struct(f"{name}_gains", step.arguments["gains"], gains),
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
         _struct(f"{name}_output", step.results["inputs"], {}, [LIMITED]),
     ]
-    start, one = _signatures(name)
-    return f"""/*
-{json.dumps(artefact.provenance, indent=2).replace("*/", "* /")}
-*/
-#ifndef {name.upper()}_H
-#define {name.upper()}_H
-
-#ifdef {name.upper()}_FLOAT
-typedef float {name}_real;
-#else
-typedef double {name}_real;
-#endif
-
-#define {name.upper()}_PERIOD {_double(float(artefact.controller.period))} /* s */
-
-{chr(10).join(f"{text}{chr(10)}" for text in structs)}
-/* The tuned gains. */
-extern const {name}_gains {name}_tuned;
-
-/* SHA-256 of the configuration that they were tuned by. */
-extern const char {name}_configuration[65];
-
-/* The state of a law that starts now. */
-{start};
-
-/* One period: what to ask of the actuators, to be held until the next; the state goes on. */
-{one};
-
-#endif
-"""
-
-
-def _signatures(name: str) -> tuple[str, str]:
-    """Of the functions that start and that step."""
-    arguments = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
-    begun = f"({arguments}\n    const {name}_reference *reference"
-    return f"void {name}_start{begun})", f"void {name}_step{begun}, {name}_output *output)"
-
-
-def _source(artefact: Artefact, step: Program, start: Program, name: str) -> str:
-    gains = {key: fact["value"] for key, fact in artefact.provenance["gains"].items()}
-    values = [f"    {_initial(gains[f.name], name)}, /* {f.name} */" for f in step.arguments["gains"]]
-    used = {o.primitive for o in (*step.operations, *start.operations)}
-    functions = sorted({FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set()))
-    start_signature, step_signature = _signatures(name)
-    return f"""#include "{name}.h"
-
-#include <math.h>
-
-#define {name.upper()}_R(x) (({name}_real)(x))
-#ifdef {name.upper()}_FLOAT
-#define {name.upper()}_M(function) function##f
-#else
-#define {name.upper()}_M(function) function
-#endif
-/* of math.h: {", ".join(functions)} */
-
-const {name}_gains {name}_tuned = {{
-{chr(10).join(values)}
-}};
-
-const char {name}_configuration[65] = "{artefact.provenance["configuration_sha256"]}";
-
-{start_signature}
-{{
-{_body(start, name)}
-}}
-
-{step_signature}
-{{
-{_body(step, name)}
-}}
-"""
+    return "\n\n".join(structs)
 
 
 def _initial(value: PyTree, name: str) -> str:

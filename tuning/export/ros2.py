@@ -21,7 +21,7 @@ from .artefact import Artefact, filled
 from .ros2_node.vehicles import VEHICLES
 
 TEMPLATES = Path(__file__).with_name("ros2_node")
-PLAIN = ("reference", "odometry", "vehicles", "parameters", "following")  # modules that are the same for every law
+PLAIN = ("reference.py", "odometry.py", "vehicles.py", "parameters.py", "following.py")  # the same for every law
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
 INTEGRATED = """The law asks for {}, a robot takes velocities:
@@ -77,8 +77,8 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     }
     templates = {"launch.py": f"launch/{name}.launch.py", "node.py": f"{name}/node.py"}  # those that move
     templates = {file: file for file in ("package.xml", "setup.py", "setup.cfg", "README.md")} | templates
-    texts = {path: filled(_read(f"{file}.txt"), substitutes) for file, path in templates.items()}
-    texts |= {f"{name}/{plain}.py": _read(f"{plain}.py") for plain in PLAIN}
+    texts = {path: filled(TEMPLATES / f"{file}.txt", substitutes) for file, path in templates.items()}
+    texts |= {f"{name}/{file}": (TEMPLATES / file).read_text(encoding="utf-8") for file in PLAIN}
     return texts | {
         f"resource/{name}": "",
         f"{name}/__init__.py": f'"""Drives along a path by a control law: {artefact.provenance["generator"]}."""\n',
@@ -98,10 +98,6 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
     highest = {name: float(x) for name, x in artefact.controller.upper_bounds(_stable).items()}
     law = {f"controller.{name}": _gain(artefact, name, highest.get(name)) for name in artefact.provenance["gains"]}
     return _node(artefact) | law
-
-
-def _read(file: str) -> str:
-    return (TEMPLATES / file).read_text(encoding="utf-8")
 
 
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
