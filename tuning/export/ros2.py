@@ -101,7 +101,7 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
 
 
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
-    """Those of the vehicle, if a velocity can be made of them."""
+    """The inputs of the vehicle, if a velocity can be made of them; `InputError` otherwise, or for a bad name."""
     faults, inputs = [], tuple(artefact.provenance["inputs"])
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
         rule = "lower-case letters, digits and single underscores, a letter first: the name of a ROS 2 package"
@@ -193,9 +193,9 @@ def _node(artefact: Artefact) -> dict[str, Json]:
 
 
 def _version(artefact: Artefact) -> str:
-    """That of the generator, as package.xml takes it: three numbers."""
-    found = re.search(r"\d+\.\d+\.\d+", str(artefact.provenance["generator"]))
-    return found[0] if found else "0.1.0"
+    """The version of the generator, as package.xml takes it: three numbers."""
+    numbers = re.search(r"\d+\.\d+\.\d+", artefact.provenance["generator"])
+    return numbers[0] if numbers else "0.1.0"
 
 
 def _nested(flat: Json) -> Json:

@@ -75,9 +75,9 @@ class Designer:
         return jax.jit(self.model.predict)
 
     def suggest(self, candidates: int, seed: int, tick: Callable[[str], object] = lambda text: None) -> Drive:
-        """The best of so many candidates."""
-        own = np.array([q.name.startswith("deadzone.") for q in self.parameters])
-        own = own if own.any() else ~own
+        """The best of so many candidates: that after which the deadzones, or else all parameters, are known best."""
+        judged = np.array([q.name.startswith("deadzone.") for q in self.parameters])
+        judged = judged if judged.any() else ~judged
         size = np.maximum(np.abs(self.p), [max(q.floor, 1e-6) for q in self.parameters])
         points = qmc.Sobol(2 * (3 * SINES + 1), rng=seed).random_base2(int(np.ceil(np.log2(max(candidates, 2)))))
         scenario, best, worth = self.model.at(jnp.asarray(self.p)), None, np.inf
@@ -86,11 +86,11 @@ class Designer:
             half = self.expected(log)
             path = np.column_stack([log.measured["x"], log.measured["y"]])
             beyond = max(float(np.ptp(path, axis=0).max()) - self.room.extent, 0.0)
-            value = float(np.mean((half / size)[own] ** 2)) if beyond == 0 else FAR * (1 + beyond)
+            value = float(np.mean((half / size)[judged] ** 2)) if beyond == 0 else FAR * (1 + beyond)
             if value < worth:
-                told = dict(zip((q.name for q in self.parameters), half.tolist(), strict=True))
+                intervals = dict(zip((q.name for q in self.parameters), half.tolist(), strict=True))
                 heading, worth = log.measured["heading"], value
-                best = Drive(log.t, log.commands, log.inputs, path, heading, told, candidates)
+                best = Drive(log.t, log.commands, log.inputs, path, heading, intervals, candidates)
             tick(f"drive {k + 1} of {candidates}")
         assert best is not None
         return best

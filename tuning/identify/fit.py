@@ -135,10 +135,10 @@ def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.nd
     guesses = []
     for rows, live, which in zip(segments.rows, segments.live, segments.log, strict=True):
         log = logs[which]
-        own = rows[(rows >= 0) & (live > 0)]
-        own = own[log.t[own] < log.t[own[0]] + 0.3]
-        t = log.t[own] - log.t[own[0]]
-        (vx, x), (vy, y), (_, heading) = (_line(t, log.measured[name][own], name == "heading") for name in POSE)
+        early = rows[(rows >= 0) & (live > 0)]
+        early = early[log.t[early] < log.t[early[0]] + 0.3]
+        t = log.t[early] - log.t[early[0]]
+        (vx, x), (vy, y), (_, heading) = (_line(t, log.measured[name][early], name == "heading") for name in POSE)
         guesses.append([x, y, heading, vx, vy])
     return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
 
@@ -151,7 +151,7 @@ def _line(t: np.ndarray, value: np.ndarray, angle: bool) -> np.ndarray:
 
 
 def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
-    """With weights by the variance of every channel."""
+    """The same stretches, each measurement that counts weighed by the variance of its channel."""
     return segments._replace(weight=(segments.weight > 0) / sigma**2)
 
 
@@ -194,8 +194,8 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
 
 
 def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np.ndarray) -> None:
-    """Are the commands what they are taken for?"""
-    told, names = int((search.segments.weight > 0).sum()), task.model.commands
+    """Raise `InputError` where another reading of the commands explains a log that they do not explain as given."""
+    measurements, names = int((search.segments.weight > 0).sum()), task.model.commands
     substep = max(log.step for log in task.logs) / task.model.substeps
 
     def fitted(matrix: np.ndarray) -> float:
@@ -203,9 +203,10 @@ def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np
         segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
         parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep)
         p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
-        return float(np.sqrt(Search(search.function, segments, parameters, states).run(p, free, TRIALS)[1] / told))
+        _, squares = Search(search.function, segments, parameters, states).run(p, free, TRIALS)
+        return float(np.sqrt(squares / measurements))
 
-    if wrong := misread(names, task.columns, float(np.sqrt(cost / told)), fitted):
+    if wrong := misread(names, task.columns, float(np.sqrt(cost / measurements)), fitted):
         raise InputError(wrong)
 
 

@@ -171,12 +171,12 @@ def _noise_of_rate(value: np.ndarray, step: float) -> float:
     return float(1.4826 * np.median(third) / np.sqrt(20) * np.sqrt(2) / (6 * step))
 
 
-def _ratio(told: np.ndarray, rate: np.ndarray) -> float:
-    """How many times larger what is told is than what the pose says, by their spread; 1 where there is nothing."""
-    fine = np.isfinite(told) & np.isfinite(rate)
-    if fine.sum() < LEAST_ROWS:
+def _ratio(measured: np.ndarray, rate: np.ndarray) -> float:
+    """How many times larger what is measured is than what the pose says, by their spread; 1 where there is nothing."""
+    both = np.isfinite(measured) & np.isfinite(rate)
+    if both.sum() < LEAST_ROWS:
         return 1.0
-    a, b = (np.quantile(np.abs(z[fine]), 0.8) for z in (told, rate))
+    a, b = (np.quantile(np.abs(z[both]), 0.8) for z in (measured, rate))
     return float(a / b) if a > 0 and b > 0 else 1.0
 
 

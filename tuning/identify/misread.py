@@ -68,10 +68,10 @@ def misread(
 
 def _spelled(names: Sequence[str], places: Sequence[Column], factors: Sequence[float]) -> str:
     """Lines of [identify.columns] for what is not as it stands."""
-    told = []
+    lines = []
     for name, place, factor in zip(names, places, factors, strict=True):
         unit = f', unit = "{place.unit}"' if place.unit else ""
         times = f", factor = {factor * place.factor:g}" if factor * place.factor != 1 else ""
         if times or place.column != name:
-            told.append(f'{name} = {{ column = "{place.column}"{unit}{times} }}')
-    return " and ".join(told)
+            lines.append(f'{name} = {{ column = "{place.column}"{unit}{times} }}')
+    return " and ".join(lines)

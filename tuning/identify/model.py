@@ -55,7 +55,7 @@ class Model(NamedTuple):
     def split(self, u: Float[Array, " m"]) -> Inputs:
         """Inputs by actuator."""
         columns = {name: columns_of(self.commands, name) for name in self.scenario.plant.actuators}
-        return {name: u[own[0]] if len(own) == 1 else u[jnp.array(own)] for name, own in columns.items()}
+        return {name: u[places[0]] if len(places) == 1 else u[jnp.array(places)] for name, places in columns.items()}
 
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """What would have been measured at the rows of one stretch that begins in state s."""
@@ -75,11 +75,11 @@ class Model(NamedTuple):
 
             def rate(x: PyTree, signal: PyTree) -> tuple[PyTree, Inputs]:
                 (state, flow), (time, memory) = x, signal
-                given = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
-                delivered = {n: pair[0] for n, pair in given.items()}
+                answers = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
+                delivered = {n: answer[0] for n, answer in answers.items()}
                 moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
                 moved = jax.tree.map(lambda dx: live * dx, moved)
-                return (moved, {n: pair[1] for n, pair in given.items()}), delivered
+                return (moved, {n: answer[1] for n, answer in answers.items()}), delivered
 
             def substep(carry: PyTree, k: Array) -> tuple[PyTree, Array]:
                 state, flow, memory = carry

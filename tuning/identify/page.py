@@ -72,18 +72,18 @@ def write_drive(drive: Drive, out: Path) -> str:
 def estimates(result: Identified) -> Json:
     """The numbers, for scripts; of what is not identifiable none but its reason."""
     fit, verdict = result.fit, result.verdict
-    known = ("unit", "value", "deviation", "gauss_newton", "bootstrap", "low", "high", "identified")
-    told = {e.name: known if e.identified else ("identified", "reason", "drive") for e in verdict.estimates}
-    numbers = ("log", "horizon", "windows", "worst", "rms")
+    numbers = ("unit", "value", "deviation", "gauss_newton", "bootstrap", "low", "high", "identified")
+    shown = {e.name: numbers if e.identified else ("identified", "reason", "drive") for e in verdict.estimates}
+    errors = ("log", "horizon", "windows", "worst", "rms")
     return {
         "logs": [log.name for log in result.task.logs],
         "counts": fit.counts._asdict(),
         "noise": dict(zip(fit.model.channels, fit.sigma.tolist(), strict=True)),
         "correlation_with_the_next_row": verdict.white,
         "starts": {"at_the_best": fit.arrived[0], "of": fit.arrived[1]},
-        "parameters": {e.name: {key: getattr(e, key) for key in told[e.name]} for e in verdict.estimates},
-        "correlation": {"names": list(told), "matrix": verdict.correlation.tolist()},
-        "predictions": [{key: getattr(p, key) for key in numbers} for p in result.predictions],
+        "parameters": {e.name: {key: getattr(e, key) for key in shown[e.name]} for e in verdict.estimates},
+        "correlation": {"names": list(shown), "matrix": verdict.correlation.tolist()},
+        "predictions": [{key: getattr(p, key) for key in errors} for p in result.predictions],
     }
 
 

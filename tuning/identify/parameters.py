@@ -100,9 +100,9 @@ def parameters(
 
 def largest(logs: Sequence[Log], name: str) -> float:
     """The largest command that a deadzone's number is about: on its side, of its actuator."""
-    own = columns_of(logs[0].commands, name.split(".")[1])
+    columns = columns_of(logs[0].commands, name.split(".")[1])
     sign = -1.0 if name.endswith("left") else 1.0
-    return float(max(0.0, *((sign * log.inputs[:, own]).max() for log in logs)))
+    return float(max(0.0, *((sign * log.inputs[:, columns]).max() for log in logs)))
 
 
 def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float) -> Parameter:

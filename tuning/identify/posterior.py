@@ -59,8 +59,8 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> agvjax.S
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
     steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
-    own = config.controller.control_period()
-    period = min(steps if own is None else float(own), float(fit.segments.h.mean()))
+    of_law = config.controller.control_period()
+    period = min(steps if of_law is None else float(of_law), float(fit.segments.h.mean()))
     chains = {}
     for name, chain in fitted.actuators.items():
         kept, configured = {}, parts_of(before.actuators[name]) if name in before.actuators else {}

@@ -83,7 +83,7 @@ def thinned(segments: Segments, most: int) -> Segments:
 
 # long: one pass over the log
 def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tuple[Segments, Counts]:
-    """Those of one log."""
+    """The stretches of one log."""
     values = np.column_stack([*log.measured.values()])
     known, spikes = np.isfinite(values), _spikes(log)
     good = known & ~spikes
@@ -137,7 +137,7 @@ def noise(logs: Sequence[Log]) -> np.ndarray:
     """A first guess of every channel's noise (C,), from what neither its value nor its slope explains."""
     guesses = []
     for name in logs[0].measured:
-        own = [log.measured[name][np.isfinite(log.measured[name])] for log in logs]
-        third = np.concatenate([np.abs(np.diff(value, 3)) for value in own])  # of white noise: sqrt(20) times as large
+        values = [log.measured[name][np.isfinite(log.measured[name])] for log in logs]
+        third = np.abs(np.concatenate([np.diff(x, 3) for x in values]))  # of white noise: sqrt(20) times as large
         guesses.append(max(1.4826 * float(np.median(third)) / np.sqrt(20), 1e-6) if third.size else 1.0)
     return np.array(guesses)

@@ -62,8 +62,8 @@ def task(files: Sequence[str], config: Config) -> Task:
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
     unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
-    if (told := int((segments.weight > 0).sum())) < 2 * unknown:
-        rule = f"so long that there are twice as many measurements as unknowns; there are {told} for {unknown}"
+    if (measurements := int((segments.weight > 0).sum())) < 2 * unknown:
+        rule = f"so long that there are twice as many measurements as unknowns; there are {measurements} for {unknown}"
         raise InputError([Fault("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation

@@ -49,12 +49,12 @@ def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     covariance = np.zeros_like(H)
     covariance[place] = inverse(H[place])
     deviation = np.sqrt(np.diag(covariance))
-    again = bootstrap(fit, draws, seed)
+    bootstrapped = bootstrap(fit, draws, seed)
     scale = np.where(deviation > 0, deviation, 1.0)
     correlation = covariance / np.outer(scale, scale)
     np.fill_diagonal(correlation, 1.0)
     felt = np.sqrt(np.diag(fit.sums.matrix.sum(axis=0)))
-    numbers = zip(deviation, again, felt, correlation, strict=True)
+    numbers = zip(deviation, bootstrapped, felt, correlation, strict=True)
     estimates = (_estimate(fit, i, *row) for i, row in enumerate(numbers))
     return FitVerdict(tuple(estimates), correlation, _white(fit))
 
@@ -98,7 +98,7 @@ def _doubtful_constants(fit: Fit, verdict: FitVerdict) -> dict[str, str]:
 
 
 def inverse(H: np.ndarray) -> np.ndarray:
-    """Of a positive definite matrix whose rows have very different sizes."""
+    """The inverse of a positive definite matrix whose rows have very different sizes."""
     scale = np.sqrt(np.diag(H))
     return np.linalg.inv(H / np.outer(scale, scale)) / np.outer(scale, scale)
 
@@ -124,15 +124,15 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
     return spread
 
 
-def _estimate(fit: Fit, i: int, own: float, again: float, felt: float, row: np.ndarray) -> Estimate:
-    """Of the i-th parameter, by its deviations, how much its own size changes the log, and its correlations."""
+def _estimate(fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, row: np.ndarray) -> Estimate:
+    """Of the i-th parameter, by its deviations, how much its size changes the log, and its correlations."""
     q, value = fit.parameters[i], float(fit.p[i])
     if not fit.free[i]:
         return Estimate(q.name, q.unit, value if q.name == OMEGA else 0.0, reason=fit.absent[q.name])
-    deviation, size = max(own, again), max(abs(value), q.floor)
+    deviation, size = max(gauss_newton, bootstrapped), max(abs(value), q.floor)
     half = Z95 * deviation
-    told = deviation < SHARPER * q.width  # or it is what was believed before
-    identified, reason, drive = told and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
+    sharper = deviation < SHARPER * q.width  # or it is what was believed before
+    identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
     near = 1e-3 * (q.high - q.low)
     if not identified and felt * size < FELT:
         reason, drive = "never excited: with any value the log would look the same", advice(q.name)
@@ -143,8 +143,9 @@ def _estimate(fit: Fit, i: int, own: float, again: float, felt: float, row: np.n
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
         reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
         drive = advice(q.name)
-    low, high = max(value - half, q.low), min(value + half, q.high)
-    return Estimate(q.name, q.unit, value, deviation, own, again, low, high, bool(identified), reason, drive)
+    interval = max(value - half, q.low), min(value + half, q.high)
+    numbers = (value, deviation, gauss_newton, bootstrapped, *interval)
+    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, drive)
 
 
 def advice(name: str) -> str:
