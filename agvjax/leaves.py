@@ -68,15 +68,16 @@ def get(tree: PyTree, name: str) -> PyTree:
 
 def rule_of(tree: PyTree, name: str) -> Rule | None:
     """The rule written beside the field of a dotted name; None where there is none."""
-    return _metadata(tree, name).get("rule")
+    return metadata_of(tree, name).get("rule")
 
 
 def unit_of(tree: PyTree, name: str) -> str:
     """The unit written beside the field of a dotted name; empty where there is none."""
-    return _metadata(tree, name).get("unit", "")
+    return metadata_of(tree, name).get("unit", "")
 
 
-def _metadata(tree: PyTree, name: str) -> Mapping[str, Any]:
+def metadata_of(tree: PyTree, name: str) -> Mapping[str, Any]:
+    """What is written beside the field of a dotted name: rule, unit, source; empty where there is no such field."""
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()

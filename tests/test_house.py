@@ -39,7 +39,6 @@ FLOOR = {(package, name): floor for floor, (package, *names) in enumerate(FLOORS
 PACKAGES = [p for package in ("agvjax", "tuning") for p in sorted((ROOT / package).rglob("*.py"))]
 FILES = PACKAGES + sorted((ROOT / "benchmarks").rglob("*.py"))
 ASKED = {  # where what an object has is asked all the same, and why
-    "tuning/export/program.py": "keys of the paths of JAX's trees are of four kinds",
     "agvjax/decorator.py": "marks a user's class: looks for methods that a class without a base may have",
     "agvjax/draw/animate.py": "a path or an open file, as `open` and Pillow take them",
     "agvjax/engine/xla.py": "the operating system's: `os.sched_getaffinity` is Linux's alone",
