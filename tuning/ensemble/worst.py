@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,9 @@ from agvjax.leaves import get
 
 from ..compute.processes import gathered
 from .draws import Draw, sample
+
+if TYPE_CHECKING:
+    from ..config.settings import Search
 
 TENTH = 10  # of the samples may begin an ascent
 SCOUTS, CHECKS = 1, 2  # parts of the random numbers, besides the ensemble's own
@@ -96,11 +99,8 @@ class Adversary:
     scenario: PyTree  # the nominal one
     draws: Mapping[str, Draw]
     metrics: tuple[str, ...]
+    settings: Search  # how many samples, ascents and steps of them
     seed: int = 0
-    scouts: int = 256  # samples among whose worst the ascents start
-    starts: int = 7  # ascents for each metric
-    iterations: int = 8
-    checks: int = 10_000  # samples that the final statement rests on besides
     compiled: tuple[Callable[..., PyTree], Callable[..., PyTree]] | None = None  # `climb` and `look`, compiled before
 
     @functools.cached_property
@@ -132,7 +132,7 @@ class Adversary:
 
     def examples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Arguments of the right shapes, after z, for `climb` and for `look`."""
-        return np.zeros((len(self.metrics) * self.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
+        return np.zeros((len(self.metrics) * self.settings.starts, self.box.low.size)), self._sampled(SCOUTS, CHUNK)
 
     def _values(self, z: PyTree, leaves: Mapping[str, np.ndarray]) -> np.ndarray:
         """`look` at any number of scenarios, a chunk at a time."""
@@ -142,26 +142,26 @@ class Adversary:
 
     def search(self, z: PyTree, round_: int = 0) -> list[Found]:
         """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
-        rows = [self.names.index(metric) for metric in self.metrics]
-        lanes = np.repeat(np.arange(len(rows)), self.starts)  # the metric of each ascent
-        scouts = self._sampled(SCOUTS + 2 * round_, self.scouts)
+        settings, rows = self.settings, [self.names.index(metric) for metric in self.metrics]
+        lanes = np.repeat(np.arange(len(rows)), settings.starts)  # the metric of each ascent
+        scouts = self._sampled(SCOUTS + 2 * round_, settings.scouts)
         seen, places = self._values(z, scouts)[rows], self.box.shares(scouts)  # (W, scouts), (scouts, D)
-        begin = places[np.concatenate([_apart(places, values, self.starts) for values in seen])]
+        begin = places[np.concatenate([_apart(places, values, settings.starts) for values in seen])]
         u, best = self._ascend(z, jnp.asarray(begin, jnp.result_type(float)), np.take(rows, lanes))
         ends = {name: np.asarray(x) for name, x in self.box.leaves(jnp.asarray(u)).items()}
         by_metric = np.where(lanes == np.arange(len(rows))[:, None], best, -np.inf)
         pools = [(by_metric, ends), (seen, scouts)]  # values (W, n) and leaves of n scenarios
-        if self.checks:
-            checks = self._sampled(CHECKS + 2 * round_, self.checks)
+        if settings.checks:
+            checks = self._sampled(CHECKS + 2 * round_, settings.checks)
             pools.append((self._values(z, checks)[rows], checks))
-        samples = self.scouts + self.checks
-        rollouts = samples + self.starts * self.iterations * (1 + self.box.low.size)
+        samples = settings.scouts + settings.checks
+        rollouts = samples + settings.starts * settings.iterations * (1 + self.box.low.size)
         worst = []
         for w, metric in enumerate(self.metrics):
             values, leaves = max(pools, key=lambda pool: pool[0][w].max())
             i = int(np.argmax(values[w]))
             scenario = {name: x[i] for name, x in leaves.items()}
-            worst.append(Found(metric, float(values[w, i]), scenario, self.starts, samples, rollouts))
+            worst.append(Found(metric, float(values[w, i]), scenario, settings.starts, samples, rollouts))
         return worst
 
     def _sampled(self, part: int, size: int) -> dict[str, np.ndarray]:
@@ -185,7 +185,7 @@ class Adversary:
 
         move, climb = jax.jit(step), self.functions[0]
         state, best, at = method.init(u), np.full(len(row), -np.inf), np.asarray(u)
-        for _ in range(self.iterations):
+        for _ in range(self.settings.iterations):
             values, ok, slopes = climb(z, u)
             value = np.where(np.asarray(ok), np.asarray(values)[row, lanes], np.inf)
             higher = value > best

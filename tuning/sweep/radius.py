@@ -6,6 +6,7 @@ the worst scenario in the box is looked for by gradient ascent from several star
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -98,18 +99,14 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
         )
         return jnp.stack([metrics[name] / bound for name, bound in bounds.items()]), metrics.ok
 
-    search = config.tune.search
     return Adversary(
         rollout=rollout,
         names=tuple(bounds),
         scenario=dict.fromkeys(labels, 0.0),
         draws=dict.fromkeys(labels, Between(-1.0, 1.0)),
         metrics=tuple(bounds),
+        settings=dataclasses.replace(config.tune.search, checks=0),
         seed=config.seed,
-        scouts=search.scouts,
-        starts=search.starts,
-        iterations=search.iterations,
-        checks=0,
     )
 
 
@@ -153,7 +150,7 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
             low = middle
         elif at[0] < high:
             high, nearest = at
-    inside = int((distance <= low).sum()) + stood * seeker.scouts
+    inside = int((distance <= low).sum()) + stood * seeker.settings.scouts
     ends: dict[str, tuple[float, float]] = {}
     for _, target in targets_of(reach.axes):
         ends |= _spans(target, reach.ends(target), low)

@@ -114,20 +114,12 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")
     state = [_same(saved[f"{i}/optimiser/{k}"], leaf) for k, leaf in enumerate(leaves)]
-    z, sound_z, best_z = (_same(saved[f"{i}/{name}"], fresh.z) for name in ("z", "sound_z", "best_z"))
-    return Progress(
-        iteration=int(saved[f"{i}/iteration"]),
-        z=z,
-        optimiser=jax.tree.unflatten(treedef, state),
-        sound_z=sound_z,
-        best_z=best_z,
-        best=(float(saved[f"{i}/best"][0]), float(saved[f"{i}/best"][1])),
-        best_iteration=int(saved[f"{i}/best_iteration"]),
-        clipped=int(saved[f"{i}/clipped"]),
-        backed_out=int(saved[f"{i}/backed_out"]),
-        rollouts=int(saved[f"{i}/rollouts"]),
-        history=[tuple(float(x) for x in row) for row in saved[f"{i}/history"]],
-    )
+    values: dict[str, Any] = {name: saved[f"{i}/{name}"] for name in Progress._fields if name != "optimiser"}
+    values |= {name: _same(values[name], fresh.z) for name in ("z", "sound_z", "best_z")}
+    counts = ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
+    values |= {name: int(values[name]) for name in counts}
+    values |= {"best": tuple(map(float, values["best"])), "history": [tuple(map(float, r)) for r in values["history"]]}
+    return Progress(optimiser=jax.tree.unflatten(treedef, state), **values)
 
 
 def _same(saved: np.ndarray, like: Any) -> Any:

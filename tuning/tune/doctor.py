@@ -98,19 +98,18 @@ def first_bad(tuner: Tuner, index: int) -> Sick | None:
     z, dtype = tuner.gains.coordinates(tuner.controller), jnp.result_type(float)
     scenario = cast(tuner.batch[index], dtype)
     run = functools.partial(agvjax.simulate, **tuner.timing)
-    along = jax.jit(
-        jax.vmap(
-            lambda v: jax.jvp(lambda z: run(tuner.gains.controller(z, tuner.controller), scenario), (z,), (v,)),
-            out_axes=(None, 0),
-        )
-    )
+
+    def rolled(z: Any) -> Any:
+        return run(tuner.gains.controller(z, tuner.controller), scenario)
+
+    along = jax.jit(jax.vmap(lambda v: jax.jvp(rolled, (z,), (v,)), out_axes=(None, 0)))
     trajectory, tangent = along(jnp.eye(z.size, dtype=z.dtype))
-    found = list(_not_finite(trajectory, "", tuner.timing.dt, index))
+    not_finite = list(_not_finite(trajectory, "", tuner.timing.dt, index))
     for k, name in enumerate(tuner.gains.names):
         rows = jax.tree.map(lambda x, k=k: x[k], tangent)
-        found += _not_finite(rows, f"slope in {name} of ", tuner.timing.dt, index)
-    if found:
-        return min(found, key=lambda s: s.step)
+        not_finite += _not_finite(rows, f"slope in {name} of ", tuner.timing.dt, index)
+    if not_finite:
+        return min(not_finite, key=lambda s: s.step)
     if not bool(trajectory.ok):
         state = np.concatenate([np.asarray(trajectory.position), np.asarray(trajectory.velocity)], axis=1)
         held = np.all(state == state[-1], axis=1)
@@ -129,30 +128,24 @@ def _not_finite(trajectory: Any, of: str, dt: float, index: int) -> Iterator[Sic
                 yield Sick(index, step, step * dt, f"{of}{jax.tree_util.keystr(path).lstrip('.')} is not finite")
 
 
-def page(found: Diagnosis) -> str:
+def page(diagnosis: Diagnosis) -> str:
     """For a person."""
-    lines = [f"{found.diverged} of {found.size} runs diverge with the starting gains."]
-    lines += [f"Scenario {s.scenario}, step {s.step}, t = {s.time:.4g} s: {s.what}." for s in found.sick]
-    if found.bad > found.diverged:
-        lines.append(f"Of {found.bad - found.diverged} others metrics or slopes are not finite.")
-    if found.slopes:
+    lines = [f"{diagnosis.diverged} of {diagnosis.size} runs diverge with the starting gains."]
+    lines += [f"Scenario {s.scenario}, step {s.step}, t = {s.time:.4g} s: {s.what}." for s in diagnosis.sick]
+    if diagnosis.bad > diagnosis.diverged:
+        lines.append(f"Of {diagnosis.bad - diagnosis.diverged} others metrics or slopes are not finite.")
+    if diagnosis.slopes:
         rows = [
-            [
-                s.requirement,
-                s.gain,
-                f"{s.gradient:+.6f}",
-                f"{s.difference:+.6f}",
-                f"{s.left:+.4f}",
-                f"{s.right:+.4f}",
-                s.verdict,
-            ]
-            for s in found.slopes
+            [*s[:2], f"{s.gradient:+.6f}", f"{s.difference:+.6f}", f"{s.left:+.4f}", f"{s.right:+.4f}", s.verdict]
+            for s in diagnosis.slopes
         ]
         lines += ["", grid(["requirement", "gain", "gradient", "differences", "left", "right", ""], rows), ""]
-        count = {v: sum(s.verdict == v for s in found.slopes) for v in ("agree", "kink", "DISAGREE")}
+        count = {v: sum(s.verdict == v for s in diagnosis.slopes) for v in ("agree", "kink", "DISAGREE")}
         lines.append(
             f"{count['agree']} slopes agree with central differences, {count['kink']} lie at a kink between the slopes"
             f" of either side, {count['DISAGREE']} disagree. Slopes are of a requirement per gain, both relative."
         )
-    lines.append("Gradients can be trusted." if found.healthy else "**Do not trust the gradients of this problem.**")
+    lines.append(
+        "Gradients can be trusted." if diagnosis.healthy else "**Do not trust the gradients of this problem.**"
+    )
     return "\n".join(lines)

@@ -43,7 +43,7 @@ class Gains(NamedTuple):
             if rule_of(law, name) is not None:  # a gain without a rule may go wherever the user says
                 low, high = max(low, bounds[name][0]), min(high, bounds[name][1])
             bounds[name] = (low, high)
-        tied = tie(law, settings.tied, bounds, {name: bounds[name] for name in settings.tied})
+        tied = tie(law, settings.tied, bounds)
         lower, upper = (np.array([bounds[name][side] for name in settings.gains]) for side in (0, 1))
         return cls(settings.gains, lower, upper, tied, stability)
 
@@ -85,15 +85,15 @@ class Gains(NamedTuple):
 
     def faults(self, controller: Law) -> list[agvjax.Fault]:
         """Gains that do not lie strictly inside their bounds."""
-        found = []
+        source = "its bounds and those of what is tied to it; the stability conditions (48), (52), (70) for the"
+        source += " smallest slope drawn; what a step of tune.dt, or of 1 / tune.sample_rate, integrates"
+        faults = []
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             value = float(get(controller, name))
             if not low < value < high:
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
-                source = "its bounds and those of what is tied to it; the stability conditions (48), (52), (70) for the"
-                source += " smallest slope drawn; what a step of tune.dt, or of 1 / tune.sample_rate, integrates"
-                found.append(agvjax.Fault(f"controller.{name}", value, rule, source))
-        return found
+                faults.append(agvjax.Fault(f"controller.{name}", value, rule, source))
+        return faults
 
 
 def smallest_slopes(scenario: Scenario, draws: Mapping[str, Draw]) -> tuple[float, float]:
@@ -121,25 +121,20 @@ def default_bounds(
     bounds = {}
     for name in names:
         allowed = rule_of(controller, name)
-        unknown = (
-            (0.0, np.inf) if float(get(controller, name)) > 0 else (-np.inf, np.inf)
-        )  # no rule: a gain keeps its sign
-        low, high = unknown if allowed is None else (allowed.low, allowed.high)
+        least = 0.0 if float(get(controller, name)) > 0 else -np.inf  # without a rule a gain > 0 stays so
+        low, high = (least, np.inf) if allowed is None else (allowed.low, allowed.high)
         bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
     return bounds
 
 
 def tie(
-    controller: Law,
-    tied: Mapping[str, str],
-    bounds: dict[str, tuple[float, float]],
-    allowed: Mapping[str, tuple[float, float]],
+    controller: Law, tied: Mapping[str, str], bounds: dict[str, tuple[float, float]]
 ) -> dict[str, tuple[str, float]]:
     """Ratios of the tied gains to those they follow, whose `bounds` are narrowed to what the tied ones allow."""
-    found = {}
+    ratios = {}
     for name, which in tied.items():
         ratio = float(get(controller, name)) / float(get(controller, which))
-        (low, high), (inner_low, inner_high) = bounds[which], allowed[name]
-        bounds[which] = (max(low, inner_low / ratio), min(high, inner_high / ratio))
-        found[name] = (which, ratio)
-    return found
+        (low, high), (tied_low, tied_high) = bounds[which], bounds[name]
+        bounds[which] = (max(low, tied_low / ratio), min(high, tied_high / ratio))
+        ratios[name] = (which, ratio)
+    return ratios

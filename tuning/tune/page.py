@@ -24,17 +24,16 @@ SHOWN = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter
 
 def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
     """Before, after and their ratio, as a Markdown table."""
-    rows = []
-    for name in metrics:
-        cells = [name, METRICS[name].unit]
-        for old, new in ((before.mean[name], after.mean[name]), (before.worst[name], after.worst[name])):
-            cells += [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
-        rows.append(cells)
-    for name, old, new in (
-        ("diverged runs", before.latched, after.latched),
-        ("not settled", before.unsettled, after.unsettled),
-    ):
-        rows.append([name, f"of {before.size}", old, new, "", "", "", ""])
+
+    def change(old: float, new: float) -> list[str]:
+        return [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
+
+    rows: list[list[object]] = [
+        [n, METRICS[n].unit, *change(before.mean[n], after.mean[n]), *change(before.worst[n], after.worst[n])]
+        for n in metrics
+    ]
+    counts = {"diverged runs": (before.latched, after.latched), "not settled": (before.unsettled, after.unsettled)}
+    rows += [[name, f"of {before.size}", *pair, "", "", "", ""] for name, pair in counts.items()]
     return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
 
 
@@ -56,45 +55,33 @@ def standings(findings: Findings) -> str:
         kind = "limit" if s.limit else "goal"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
+        value = f"{s.value:.5g} {METRICS[s.requirement.metric].unit}"
         slopes = [figures.signed(x) for x in s.slopes]
-        rows.append(
-            [
-                s.requirement.name,
-                kind,
-                f"{s.value:.5g} {METRICS[s.requirement.metric].unit}",
-                f"{s.level:.4f}",
-                state,
-                price,
-                *slopes,
-            ]
-        )
+        rows.append([s.requirement.name, kind, value, f"{s.level:.4f}", state, price, *slopes])
     return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
 
 
 def identifiability(findings: Findings) -> list[str]:
     """What the data cannot tell, in words."""
-    names, found = findings.names, findings.identifiability
+    names, (strength, weakest, alike) = findings.names, findings.identifiability
     if len(names) < 2:
         return []
-    weak = sorted(zip(names, found.weakest, strict=True), key=lambda pair: -abs(pair[1]))
+    weak = sorted(zip(names, weakest, strict=True), key=lambda pair: -abs(pair[1]))
     mixture = ", ".join(f"{x:+.2f} {name}" for name, x in weak if abs(x) > 0.2)
-    said = [
+    sentences = [
         f"The combination of gains felt least is ({mixture}), in relative changes:"
-        f" {found.strength[-1] / found.strength[0]:.1e} of the one felt most."
+        f" {strength[-1] / strength[0]:.1e} of the one felt most."
     ]
-    said += [
+    sentences += [
         f"{names[i]} and {names[j]} cannot be told apart: they do the same to every metric of every scenario (cosine"
         f" {cosine:+.3f})."
-        for i, j, cosine in found.alike
+        for i, j, cosine in alike
     ]
-    flat = [name for name, row in zip(names, _felt(findings), strict=True) if row < 1e-4]
+    felt = np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
+    flat = [name for name, largest in zip(names, felt, strict=True) if largest < 1e-4]
     if flat:
-        said.append(f"Not felt at all, to first order: {', '.join(flat)}.")
-    return said
-
-
-def _felt(findings: Findings) -> np.ndarray:
-    return np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
+        sentences.append(f"Not felt at all, to first order: {', '.join(flat)}.")
+    return sentences
 
 
 def rounds(rows: Sequence[Round]) -> str:
@@ -112,9 +99,9 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     config, objective, tuned = problem.config, problem.tuner.objective, problem.tuner.gains
     settings, before, after = config.tune, verdict.before, verdict.after
     delivered = sorted(name for name, row in METRICS.items() if row.delivered)
-    own = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *delivered)
-    known = metrics_of(config.scenario.plant)
-    shown = tuple(name for name in dict.fromkeys([*own, *objective.names]) if name in known)
+    always = SHOWN if type(config.scenario.plant) is agvjax.Decoupled else (*SHOWN, *delivered)
+    measured = metrics_of(config.scenario.plant)
+    shown = tuple(name for name in dict.fromkeys([*always, *objective.names]) if name in measured)
     met = "All limits are met on the tuning scenarios." if not verdict.over else _unmet(verdict)
     places = len({row[1] for row in run.history if row[0] == 0})
     starts = f" from {places} starts" if places > 1 else ""
@@ -128,8 +115,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     smooth = _smooth_note(objective.names)
     learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
     best = {r.metric: r.best for r in outcome.rounds if r.round == run.round}  # the ensemble lies in the box too
-    found = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
-    said = "\n".join(f"* {line}" for line in [*statement(found), *_known(outcome)])
+    worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
+    searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
     return f"""# Tuned gains
 
 {gains((*tuned.names, *tuned.tied), config.controller, outcome.controller, tuned.stability)}
@@ -161,7 +148,7 @@ of the gain, at the tuned gains.
 
 ## The worst case
 
-{said}
+{searched}
 
 {rounds(outcome.rounds)}
 
@@ -184,12 +171,12 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 def _path(config: Any) -> str:
     """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
-    found = agvjax.path_warnings(config.scenario, config.simulate.horizon)
-    reasons = "\n".join(f"* {reason}" for reason in found)
-    return f"\n## The path\n\nWhatever the gains, it cannot be followed exactly:\n\n{reasons}\n" if found else ""
+    reasons = "\n".join(f"* {text}" for text in agvjax.path_warnings(config.scenario, config.simulate.horizon))
+    return f"\n## The path\n\nWhatever the gains, it cannot be followed exactly:\n\n{reasons}\n" if reasons else ""
 
 
-def _known(outcome: Outcome) -> list[str]:
+def _worse(outcome: Outcome) -> list[str]:
+    """What to do where the search found scenarios worse than those tuned on."""
     if not outcome.worse:
         return []
     rounds = outcome.problem.config.tune.search.rounds

@@ -65,11 +65,8 @@ def pose(config: Config) -> TuningProblem:
         scenario=config.scenario,
         draws=ensemble.draws,
         metrics=metrics,
+        settings=settings.search,
         seed=config.seed,
-        scouts=settings.search.scouts,
-        starts=settings.search.starts,
-        iterations=settings.search.iterations,
-        checks=settings.search.checks,
     )
     return TuningProblem(config, tuner, adversary)
 

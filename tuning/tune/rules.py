@@ -28,20 +28,17 @@ def faults(config: Config) -> list[agvjax.Fault]:
 
 def _names(config: Config) -> list[agvjax.Fault]:
     """Names in the tuning problem that name nothing, and limits that limit nothing."""
-    tune, found = config.tune, []
-    gains = agvjax.leaves(config.controller)
-    for name in tune.gains:
-        if name not in gains:
-            found.append(agvjax.Fault("tune.gains", name, f"leaves of the controller: {', '.join(gains)}"))
+    tune, gains = config.tune, agvjax.leaves(config.controller)
+    rule = f"leaves of the controller: {', '.join(gains)}"
+    found = [agvjax.Fault("tune.gains", name, rule) for name in tune.gains if name not in gains]
     if not tune.gains:
         rule = "names of gains: this law names none to tune by gradient; tune the law inside it"
         found.append(agvjax.Fault("tune.gains", [], rule))
     if len(set(tune.gains)) < len(tune.gains):
         found.append(agvjax.Fault("tune.gains", list(tune.gains), "names that differ"))
-    for name, pair in tune.bounds.items():
-        if name not in tune.gains and name not in tune.tied:
-            rule = "of a tuned or tied gain, one of tune.gains or tune.tied"
-            found.append(agvjax.Fault(f"tune.bounds.{name}", list(pair), rule))
+    rule = "of a tuned or tied gain, one of tune.gains or tune.tied"
+    idle = [name for name in tune.bounds if name not in tune.gains and name not in tune.tied]
+    found += [agvjax.Fault(f"tune.bounds.{name}", list(tune.bounds[name]), rule) for name in idle]
     found += _tied(tune, gains) + _requirements(config) + undrawable(config.scenario, config.ensemble.draws)
     if tune.search.scouts < tune.search.starts:
         rule = f"at least tune.search.starts, {tune.search.starts}"
@@ -93,7 +90,6 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
 def _boxes(config: Config) -> list[agvjax.Fault]:
     """Draws that can draw what their leaf may not hold, and gains that are no single number."""
     found = beyond_rules(config.scenario, config.ensemble.draws)
-    for name in config.tune.gains:
-        if np.ndim(agvjax.leaves(config.controller)[name]):
-            found.append(agvjax.Fault("tune.gains", name, "a single number"))
-    return found
+    leaves = agvjax.leaves(config.controller)
+    several = [name for name in config.tune.gains if np.ndim(leaves[name])]
+    return found + [agvjax.Fault("tune.gains", name, "a single number") for name in several]

@@ -129,11 +129,12 @@ class Tuner:
     def weigh(self) -> Callable[[Array, Array, Array], tuple[Score, Array]]:
         """What `push` returns -> score and the gradient of its cost."""
         _ = self.baseline  # a number: computed before anything is traced
-        return jax.jit(self._weigh)
 
-    def _weigh(self, values: Array, ok: Array, slopes: Array) -> tuple[Score, Array]:
-        weights, score = jax.grad(self.cost_of, has_aux=True)(values, ok)
-        return score, jnp.tensordot(slopes, weights, axes=2)
+        def weigh(values: Array, ok: Array, slopes: Array) -> tuple[Score, Array]:
+            weights, score = jax.grad(self.cost_of, has_aux=True)(values, ok)
+            return score, jnp.tensordot(slopes, weights, axes=2)
+
+        return jax.jit(weigh)
 
     @functools.cached_property
     def gradient_of(self) -> Callable[[Array, Scenarios], tuple[Score, Array]]:
@@ -156,7 +157,7 @@ class Tuner:
             return self.cost_of(*self.values(z, scenarios))[0]
 
         def forth(z: Array) -> tuple[Array, Array]:
-            score, gradient = self._weigh(*self.jacobian(z, scenarios))
+            score, gradient = self.weigh(*self.jacobian(z, scenarios))
             return score.cost, gradient
 
         cost.defvjp(forth, lambda gradient, change: (change * gradient,))
@@ -175,11 +176,7 @@ class Tuner:
 
     def look(self, z: Array, iteration: int, model: Model | None = None) -> Look:
         """What there is to see at z; `model` if it is known."""
-        scenarios = self.scenarios(iteration)
-        if self.method.jacobian:
-            model = self.push(z, scenarios) if model is None else model
-            return Look(*self.weigh(*model), model=model)
-        look = Look(*(self.gradient_of(z, scenarios) if model is None else self.weigh(*model)))
+        look = self.method.look(self, z, self.scenarios(iteration), model)
         if self.fresh is None:
             return look
         return look._replace(rank=self.cost_of(*self.roll(z, self.scenarios()))[1])

@@ -101,7 +101,7 @@ def hand_made(value, **changed):
         scenario=Scenario(),
         draws=DRAWS,
         metrics=("total_rmse",),
-        **({"checks": 0, "starts": 3, "iterations": 20} | changed),
+        settings=Search(**{"checks": 0, "starts": 3, "iterations": 20} | changed),
     )
 
 

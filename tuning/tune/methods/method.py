@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import jax
 import numpy as np
@@ -14,6 +14,9 @@ from agvjax import Fault
 
 from ...config.settings import Config, Tune
 from .objective import Objective, Score
+
+if TYPE_CHECKING:
+    from ..tuner import Tuner
 
 MOST_FORWARD = 30  # gains up to which forward mode costs less than reverse mode; see benchmarks/gradient.py
 Scenarios = Mapping[str, np.ndarray]  # the leaves that vary, (B, ...)
@@ -78,6 +81,10 @@ class Method:
             scenarios: those of the look.
         """
         raise NotImplementedError(f"{type(self).__name__} needs step(p, look, sound, baseline, scenarios)")
+
+    def look(self, tuner: Tuner, z: Array, scenarios: Scenarios, model: Model | None) -> Look:
+        """What it wants to see at z; `model` if it is known."""
+        return Look(*(tuner.gradient_of(z, scenarios) if model is None else tuner.weigh(*model)))
 
     def usable(self, look: Look, baseline: np.ndarray) -> bool:
         """Whether a look with a finite gradient may be stepped from."""

@@ -9,7 +9,7 @@ an exact penalty, so that the search ends inside them or shows that they cannot 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import clarabel
 import jax.numpy as jnp
@@ -20,8 +20,11 @@ from scipy import sparse
 from agvjax import Fault
 
 from ...config.settings import Config
-from .method import Look, Method, Progress, Scenarios
+from .method import Look, Method, Model, Progress, Scenarios
 from .objective import Objective
+
+if TYPE_CHECKING:
+    from ..tuner import Tuner
 
 FIRST, LARGEST, SMALLEST = 0.25, 1.0, 1e-4  # of the trust region, in the free coordinates: logarithms of the gains
 FLATTEST = 1e-3  # curvature to begin with
@@ -39,6 +42,11 @@ class Sqp(Method):
     def begin(self, z: Array, scenarios: int) -> State:
         """Before the first look."""
         return State.begin(z.size, len(self.objective.names), scenarios, self.objective.penalty)
+
+    def look(self, tuner: Tuner, z: Array, scenarios: Scenarios, model: Model | None) -> Look:
+        """The whole Jacobian too."""
+        model = tuner.push(z, scenarios) if model is None else model
+        return Look(*tuner.weigh(*model), model=model)
 
     def step(
         self, p: Progress, look: Look, sound: bool, baseline: np.ndarray, scenarios: Scenarios
@@ -225,37 +233,24 @@ def solve(
     width = count + goals + limits + len(tails) * (1 + scenarios)
     rows, rooms = [], []  # rows @ unknowns <= rooms
     parts: list[tuple[int, int, np.ndarray]] = []  # of each block: requirement, first row, how rows weigh scenarios
-    height = 0
-
-    def require(i: int, part: np.ndarray, room: np.ndarray, weighs: np.ndarray | None, bound: bool = True) -> None:
-        nonlocal height
-        if bound:
-            part[:, count + i] = -1.0  # a goal's level, or a limit's excess
-            room = room + (i >= goals)
-        if weighs is not None:
-            parts.append((i, height, weighs))
-        rows.append(part)
-        rooms.append(room)
-        height += len(room)
-
     for i, (requirement, (_, m)) in enumerate(zip(objective.requirements, objective.places, strict=True)):
-        level, slope = values[m] / units[i], slopes[:, m].T / units[i]  # (B,), (B, K)
+        level, slope, weighs = values[m] / units[i], slopes[:, m].T / units[i], np.eye(scenarios)  # (B,), (B, K)
         if requirement.statistic == "mean":
-            part = np.zeros((1, width))
-            part[0, :count] = shares @ slope
-            require(i, part, np.array([-shares @ level]), shares[None])
-            continue
-        part = np.zeros((scenarios, width))
-        part[:, :count] = slope
-        if requirement.statistic == "worst":
-            require(i, part, -level, np.eye(scenarios))
-            continue
-        at = offset[i]
-        part[:, at], part[:, at + 1 : at + 1 + scenarios] = -1.0, -np.eye(scenarios)
-        require(i, part, -level, np.eye(scenarios), bound=False)
-        tail = np.zeros((1, width))
-        tail[0, at], tail[0, at + 1 : at + 1 + scenarios] = 1.0, shares / objective.tail
-        require(i, tail, np.zeros(1), None)
+            level, slope, weighs = np.array([shares @ level]), (shares @ slope)[None], shares[None]
+        bounded = block = np.zeros((len(level), width))
+        block[:, :count] = slope
+        parts.append((i, sum(map(len, rows)), weighs))
+        rows.append(block)
+        rooms.append(-level)
+        if i in offset:
+            c, above = offset[i], slice(offset[i] + 1, offset[i] + 1 + scenarios)
+            block[:, c], block[:, above] = -1.0, -np.eye(scenarios)
+            bounded = np.zeros((1, width))
+            bounded[0, c], bounded[0, above] = 1.0, shares / objective.tail
+            rows.append(bounded)
+            rooms.append(np.zeros(1))
+        bounded[:, count + i] = -1.0  # a goal's level, or a limit's excess
+        rooms[-1] = rooms[-1] + (i >= goals)
     cost = np.zeros(width)
     cost[count : count + goals] = [g.value for g in objective.goals]
     cost[count + goals : count + goals + limits] = objective.penalty
