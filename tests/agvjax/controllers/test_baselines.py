@@ -542,12 +542,7 @@ def assert_gradient(gradient, controller, law, step=1e-6):
     slope = []
     for name in controller.gains_to_tune():
         value = float(agvjax.leaves(controller)[name])
-        less, more = (
-            plain_cost(
-                independent.with_gains(law, {name: value * math.exp(x)}),
-            )
-            for x in (-step, step)
-        )
+        less, more = (plain_cost(independent.with_gains(law, {name: value * math.exp(x)})) for x in (-step, step))
         slope.append((more - less) / (2 * step))
     np.testing.assert_allclose(gradient, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
     idle = [name for name, value in zip(controller.gains_to_tune(), slope, strict=True) if abs(value) < 1e-9]

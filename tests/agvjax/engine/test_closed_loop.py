@@ -151,13 +151,7 @@ READINGS = {
         2e-3,
         1000,
     ),
-    "belief by axis": (
-        NeuroBackstepping(Pi_hat=np.array([0.6, 0.8])),
-        Scenario(),
-        {"Pi_hat": (0.6, 0.8)},
-        2e-3,
-        1000,
-    ),
+    "belief by axis": (NeuroBackstepping(Pi_hat=np.array([0.6, 0.8])), Scenario(), {"Pi_hat": (0.6, 0.8)}, 2e-3, 1000),
     "network that matters": (NeuroBackstepping(b1=0.1, b2=0.2), Scenario(), {"b1": 0.1, "b2": 0.2}, 2e-3, 1000),
     "another network": (
         NeuroBackstepping(

@@ -68,12 +68,8 @@ def rate(plant, state, u, disturbance=CALM):
     return plant.derivative(state, (), {"steering_rate": u[0], "acceleration": u[1]}, disturbance)
 
 
-rates = jax.jit(
-    lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, dynamic(x), u)))(xs, us),
-)
-rolls = jax.jit(
-    lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, kinematic(x), u)))(xs, us),
-)
+rates = jax.jit(lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, dynamic(x), u)))(xs, us))
+rolls = jax.jit(lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, kinematic(x), u)))(xs, us))
 
 
 def draw(p, n, seed=0):

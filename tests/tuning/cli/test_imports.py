@@ -98,8 +98,7 @@ def test_a_vehicle_of_a_sweep_of_ones_own_is_rolled_out_again(mine, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [(None, "readable"), ("raise OSError('no')", "line 1: OSError: no"), ("def", "SyntaxError")],
+    ("content", "words"), [(None, "readable"), ("raise OSError('no')", "line 1: OSError: no"), ("def", "SyntaxError")]
 )
 def test_a_file_that_cannot_be_executed_is_named(content, words, tmp_path, capsys):
     file = tmp_path / "wrong.py"

@@ -484,11 +484,7 @@ def test_numpy_rounds_halves_as_the_law_does():
 
 @pytest.mark.parametrize(
     ("command", "word"),
-    [
-        (lambda x: x.astype(int).astype(x.dtype), "int64"),
-        (jnp.sort, "sort"),
-        (jax.scipy.special.erf, "erf"),
-    ],
+    [(lambda x: x.astype(int).astype(x.dtype), "int64"), (jnp.sort, "sort"), (jax.scipy.special.erf, "erf")],
 )
 def test_what_no_code_can_be_written_for_is_named(command, word):
     with pytest.raises(ValueError, match=word):

@@ -323,12 +323,7 @@ def test_the_last_thing_the_node_says_is_to_stop(start, monkeypatch):
         assert robot.commands[-1][0] > 0.2
         raise KeyboardInterrupt
 
-    for name, stub in {
-        "init": lambda **k: None,
-        "spin": spin,
-        "ok": lambda: True,
-        "shutdown": lambda: None,
-    }.items():
+    for name, stub in {"init": lambda **k: None, "spin": spin, "ok": lambda: True, "shutdown": lambda: None}.items():
         monkeypatch.setattr(module.rclpy, name, stub)
     module.main()
     ((topic, message),) = said_last

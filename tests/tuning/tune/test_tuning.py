@@ -611,10 +611,7 @@ def test_a_checkpoint_that_is_missing_or_damaged_is_named(small, solved, tmp_pat
 
 @pytest.mark.parametrize(
     "other",
-    [
-        {"gains": Gains(("k1",), np.array([1.0]), np.array([np.inf]))},
-        {"optimizer": "adan"},
-    ],
+    [{"gains": Gains(("k1",), np.array([1.0]), np.array([np.inf]))}, {"optimizer": "adan"}],
     ids=["another number of gains", "an optimiser of more state"],
 )
 def test_a_checkpoint_of_another_problem_is_refused(other, small, solved, tmp_path):
