@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 
-import jax
 import numpy as np
 import pytest
 from scipy import stats
@@ -26,11 +25,7 @@ from tuning.sweep.laws import named
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def promotion_as_optax_has_it():
-    """As in test_tuning.py."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
 
 @agvjax.pytree
