@@ -7,6 +7,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]  # of the repository
 FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
+SHORT_TUNE = """
+tune.dt=0.01 tune.integrator=euler tune.gains=["k1","k3"] tune.optimizer=adam tune.checkpoint_every=5
+tune.search.checks=0 tune.search.scouts=8 tune.search.starts=2 tune.search.iterations=2 ensemble.validation_size=4
+""".split()
 
 
 def arguments(command, out, settings=(), *more):
@@ -33,3 +37,8 @@ def run(argv, code=0, timeout=300):
 
 def files_of(folder):
     return sorted(path.name for path in folder.iterdir())
+
+
+def contents(folder):
+    """All that is below a folder: the bytes of files, None for folders."""
+    return {path.relative_to(folder): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
