@@ -46,11 +46,10 @@ def sampled_by_hand(p, dt, every, n_steps):
             law_rate = reference.right_hand_side(t, s, p)[5:]
         states.append(s)
         commands.append(u)
-        delivered = reference.deadzone(u[:2], 0.6, 0.8, 0.5, 0.4)
-        omega = float(reference.deadzone(u[2], 0.91, 0.72, 0.66, 0.53))
+        *push, omega = reference.delivered(u, p)
         delta = 0.2 * np.cos(0.5 * t)
         velocity = s[2:4]
-        force = omega * np.array([-velocity[1], velocity[0]]) + delivered + delta
+        force = omega * np.array([-velocity[1], velocity[0]]) + push + delta
         rate = np.array([*velocity, *force, omega + delta])
         law = s[5:] + every * dt * law_rate if i % every == 0 else s[5:]
         s = np.concatenate([s[:5] + dt * rate, law])
@@ -61,14 +60,8 @@ def sampled_by_hand(p, dt, every, n_steps):
 def test_sampled_law_is_the_hand_written_loop(every):
     dt, n_steps = 5e-4, 1000
     states, commands = sampled_by_hand(Parameters(), dt, every, n_steps)
-    run = agvjax.simulate(
-        Sampled(inner=agvjax.NeuroBackstepping()),
-        agvjax.Scenario(),
-        dt=dt,
-        n_steps=n_steps,
-        control_every=every,
-        integrator=agvjax.EULER,
-    )
+    settings = {"dt": dt, "n_steps": n_steps, "control_every": every, "integrator": agvjax.EULER}
+    run = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), **settings)
     np.testing.assert_allclose(run.command, commands, rtol=0, atol=1e-8)
     np.testing.assert_allclose(np.column_stack([run.position, run.velocity, run.heading]), states[:, :5], atol=1e-9)
     changes = np.flatnonzero((np.diff(run.command, axis=0) != 0).any(axis=1)) + 1
@@ -149,9 +142,8 @@ class Constant(agvjax.Law):
 
 
 def test_lag_answers_a_step_as_the_exponential_does():
-    scenario = agvjax.Scenario(
-        deadzone={"position": Lag(), "heading": Lag(time_constant=0.2)}, disturbance=agvjax.NoDisturbance()
-    )
+    lags = {"position": Lag(), "heading": Lag(time_constant=0.2)}
+    scenario = agvjax.Scenario(deadzone=lags, disturbance=agvjax.NoDisturbance())
     run = agvjax.simulate(Constant(), scenario, n_steps=400)
     t = np.asarray(run.t)
     np.testing.assert_allclose(run.delivered[:, 0], 2 * (1 - np.exp(-t / 0.05)), atol=1e-8)
@@ -244,12 +236,8 @@ class Cart(agvjax.Plant):
 
     def output(self, state, delivered):
         zero = jnp.zeros_like(state.position)
-        return agvjax.Measurement(
-            position=jnp.stack([state.position, zero]),
-            velocity=jnp.stack([state.velocity, zero]),
-            heading=state.heading,
-            yaw_rate=zero,
-        )
+        position, velocity = jnp.stack([state.position, zero]), jnp.stack([state.velocity, zero])
+        return agvjax.Measurement(position=position, velocity=velocity, heading=state.heading, yaw_rate=zero)
 
 
 def test_plant_with_other_actuators_follows_its_own_closed_form():

@@ -4,8 +4,6 @@ import csv
 import json
 import shutil
 import signal
-import subprocess
-import sys
 import time
 import tomllib
 
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from commands import FAST, ROOT, SHORT_TUNE, arguments, contents, files_of, run, start
+from commands import FAST, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 
@@ -516,12 +514,12 @@ print("jax" in sys.modules, "matplotlib" in sys.modules)
 
 
 def test_help_of_every_command_starts_without_jax():
-    done = subprocess.run([sys.executable, "-c", HELP], cwd=ROOT, capture_output=True, text=True, check=True)
-    *said, loaded = done.stdout.splitlines()
+    said = python(HELP)
+    *lines, loaded = said.splitlines()
     assert loaded == "False False"
     for name in cli.COMMANDS:
-        assert f"usage: agvjax {name} " in done.stdout
-        assert any(line.split()[:1] == [name] for line in said), name
+        assert f"usage: agvjax {name} " in said
+        assert any(line.split()[:1] == [name] for line in lines), name
 
 
 BEFORE = """
@@ -537,4 +535,4 @@ assert not xla_bridge.backends_are_initialized()
 
 def test_a_configuration_is_read_before_jax_computes():
     """Processes that tune together meet by what it says, and JAX lets them meet before its first array only."""
-    subprocess.run([sys.executable, "-c", BEFORE], cwd=ROOT, check=True)
+    python(BEFORE)

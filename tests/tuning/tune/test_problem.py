@@ -22,6 +22,7 @@ from agvjax import (
     NeuroBackstepping,
     SuperTwistingFTSMC,
 )
+from laws import Proportional
 from tuning import Between, Config, Distribution, Ensemble, Limit, Search, Simulate, Times, Tune, Weights, pose
 from tuning import config as configuration
 from tuning.tune.analysis import analyse, conflict
@@ -68,25 +69,6 @@ def tuned(config):
 
 
 # ---------------------------------------------------------------------------------------------------------- any law
-
-
-@agvjax.pytree
-class Proportional(agvjax.Law):
-    """A law as a user would write it: plain fields, no rule, no bounds, a gain that may be negative."""
-
-    stiffness: float = 30.0
-    damping: float = 8.0
-    turn: float = 4.0
-    lean: float = -0.1
-
-    def init(self, measurement, reference):
-        return ()
-
-    def law(self, flow, memory, measurement, reference):
-        e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
-        u = reference.acceleration - self.stiffness * e - self.damping * de + self.lean
-        turn = reference.heading_rate - self.turn * (measurement.heading - reference.heading)
-        return Command(position=u, heading=turn), ()
 
 
 def test_a_law_of_the_users_own_is_tuned():
