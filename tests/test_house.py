@@ -3,12 +3,10 @@
 import ast
 import graphlib
 import re
-import subprocess
-import sys
 
 import pytest
 
-from commands import ROOT
+from commands import ROOT, python
 from tuning.cli.main import COMMANDS
 
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
@@ -208,7 +206,4 @@ assert "matplotlib" not in sys.modules, "matplotlib imported"
 assert "tuning" not in sys.modules, "tuning imported"
 assert not xla_bridge.backends_are_initialized(), "a backend was started"
 """
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    python(program, "-W", "error")
