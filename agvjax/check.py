@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from .errors import Fault, InputError
 from .integrate import Integrator
-from .leaves import cast, children, fits, metadata
+from .leaves import cast, children, fits, metadata_of
 from .protocols import Law
 from .scenario import Scenario
 
@@ -26,13 +26,13 @@ def faults(tree: PyTree, name: str = "") -> list[Fault]:
         key = f"{name}.{part}" if name else part
         if children(value):
             listed += faults(value, key)
-        elif "rule" in metadata(tree, part):
+        elif "rule" in metadata_of(tree, part):
             listed += _broken(key, tree, part)
     return listed
 
 
 def _broken(key: str, tree: PyTree, part: str) -> list[Fault]:
-    field, value = metadata(tree, part), children(tree)[part]
+    field, value = metadata_of(tree, part), children(tree)[part]
     rule, source, shapes = field["rule"], field["source"], field["shapes"]
     wanted = " or ".join(dict.fromkeys("a number" if s == () else f"an array of shape {s}" for s in shapes))
     try:

@@ -32,7 +32,7 @@ def with_arrays(tree: PyTree) -> PyTree:
     """The tree with an array wherever a field for numbers holds a list or a tuple of them, as a person writes it."""
     written = {}
     for name, value in children(tree).items():
-        if isinstance(value, (list, tuple)) and "rule" in metadata(tree, name):
+        if isinstance(value, (list, tuple)) and "rule" in metadata_of(tree, name):
             written[name] = jnp.asarray(value)
         elif children(value):
             written[name] = with_arrays(value)
@@ -80,12 +80,14 @@ def get(tree: PyTree, name: str) -> PyTree:
 
 def rule_of(tree: PyTree, name: str) -> Rule | None:
     """The rule written beside the field of a dotted name; None where there is none."""
-    return metadata(tree, name).get("rule")
+    return metadata_of(tree, name).get("rule")
 
 
 def fits(tree: PyTree, name: str, shape: tuple[int, ...]) -> bool:
     """Whether the leaf of a dotted name may be an array of this shape; where no shapes are written, any."""
-    return any(s == shape or (s == (None,) and len(shape) == 1) for s in metadata(tree, name).get("shapes", (shape,)))
+    return any(
+        s == shape or (s == (None,) and len(shape) == 1) for s in metadata_of(tree, name).get("shapes", (shape,))
+    )
 
 
 def misshapen(tree: PyTree) -> str:
@@ -93,18 +95,18 @@ def misshapen(tree: PyTree) -> str:
     for name, value in leaves(tree).items():
         shape = np.shape(value)
         if not fits(tree, name, shape):
-            allowed = " or ".join(str(s).replace("None", "N") for s in metadata(tree, name)["shapes"])
+            allowed = " or ".join(str(s).replace("None", "N") for s in metadata_of(tree, name)["shapes"])
             return f"{name} must have the shape {allowed}; got {shape}"
     return ""
 
 
 def unit_of(tree: PyTree, name: str) -> str:
     """The unit written beside the field of a dotted name; empty where there is none."""
-    return metadata(tree, name).get("unit", "")
+    return metadata_of(tree, name).get("unit", "")
 
 
-def metadata(tree: PyTree, name: str) -> Mapping[str, Any]:
-    """What is written beside the field of a dotted name; empty where nothing is."""
+def metadata_of(tree: PyTree, name: str) -> Mapping[str, Any]:
+    """What is written beside the field of a dotted name: rule, unit, source; empty where there is no such field."""
     *parents, last = name.split(".")
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()

@@ -119,8 +119,7 @@ def test_mentions_are_numbers_in_parentheses(text, numbers):
 
 
 @pytest.mark.parametrize(
-    ("text", "numbers"),
-    [("# (22)", {22}), ("# m/s^2, f2, after eq. (36)", set()), ("before eq. (50); eq. (24)", {24})],
+    ("text", "numbers"), [("# (22)", {22}), ("# m/s^2, f2, after eq. (36)", set()), ("before eq. (50); eq. (24)", {24})]
 )
 def test_what_stands_after_an_equation_does_not_claim_it(text, numbers):
     assert claims(text) == numbers

@@ -3,12 +3,10 @@
 import ast
 import graphlib
 import re
-import subprocess
-import sys
 
 import pytest
 
-from commands import ROOT
+from commands import ROOT, python
 from tuning.cli.main import COMMANDS
 
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
@@ -39,7 +37,6 @@ FLOOR = {(package, name): floor for floor, (package, *names) in enumerate(FLOORS
 PACKAGES = [p for package in ("agvjax", "tuning") for p in sorted((ROOT / package).rglob("*.py"))]
 FILES = PACKAGES + sorted((ROOT / "benchmarks").rglob("*.py"))
 ASKED = {  # where what an object has is asked all the same, and why
-    "tuning/export/program.py": "keys of the paths of JAX's trees are of four kinds",
     "agvjax/decorator.py": "marks a user's class: looks for methods that a class without a base may have",
     "agvjax/draw/animate.py": "a path or an open file, as `open` and Pillow take them",
     "agvjax/engine/xla.py": "the operating system's: `os.sched_getaffinity` is Linux's alone",
@@ -209,7 +206,4 @@ assert "matplotlib" not in sys.modules, "matplotlib imported"
 assert "tuning" not in sys.modules, "tuning imported"
 assert not xla_bridge.backends_are_initialized(), "a backend was started"
 """
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    python(program, "-W", "error")

@@ -1,12 +1,8 @@
 """Sharing a batch between devices changes no metric and no derivative. Each check needs a process of its own."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from commands import ROOT
+from commands import python, run
 
 PROGRAM = """
 import jax, jax.numpy as jnp, numpy as np
@@ -44,13 +40,9 @@ print("fine")
 """
 
 
-def run(program, **more):
-    clean = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_NUM_CPU_DEVICES")}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=clean | more, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+@pytest.fixture(autouse=True)
+def devices_as_jax_finds_them(monkeypatch):
+    monkeypatch.delenv("JAX_NUM_CPU_DEVICES", raising=False)
 
 
 ASK = """
@@ -78,7 +70,7 @@ def test_a_second_call_says_that_the_options_are_set():
 
 
 @pytest.mark.parametrize(
-    ("given", "environment", "devices", "said"),
+    ("options", "environment", "devices", "said"),
     [
         ("devices=3", {}, 3, "fast compiler options set"),
         ("", {"JAX_NUM_CPU_DEVICES": "2"}, 2, "fast compiler options set"),
@@ -86,28 +78,27 @@ def test_a_second_call_says_that_the_options_are_set():
         ("devices=1", {"XLA_FLAGS": OWN}, 1, "already holds backend options"),
     ],
 )
-def test_options_and_devices_are_set_unless_they_are_set_already(given, environment, devices, said):
-    sentence, found = run(ASK.format(given), **environment)
+def test_options_and_devices_are_set_unless_they_are_set_already(options, environment, devices, said):
+    sentence, counted = python(ASK.format(options), **environment).splitlines()
     assert said in sentence
-    count, flags = found.split(" ", 1)
+    count, flags = counted.split(" ", 1)
     assert int(count) == devices
     assert flags == OWN if OWN in environment.values() else "small_while_loop" in flags
 
 
 def test_too_late_is_said_and_changes_nothing():
-    sentence, change = run(LATE)
+    sentence, change = python(LATE).splitlines()
     assert "already started" in sentence and "slower" in sentence and change == "0"
 
 
 @pytest.mark.slow
 def test_metrics_and_derivatives_do_not_depend_on_the_devices():
-    assert run(PROGRAM, JAX_NUM_CPU_DEVICES="4") == ["fine"]
+    assert python(PROGRAM, JAX_NUM_CPU_DEVICES="4") == "fine\n"
 
 
 @pytest.mark.slow
 def test_the_kernel_for_gpus_agrees_with_evaluate():
-    command = [sys.executable, "-m", "benchmarks.gpu", "--interpret", "--batches", "8", "--block", "4", "--steps", "20"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    difference = float(done.stdout.strip().splitlines()[-1].split("|")[3])
+    small = ["--interpret", "--batches", "8", "--block", "4", "--steps", "20"]
+    said, _ = run(small, program=("-m", "benchmarks.gpu"))
+    difference = float(said.strip().splitlines()[-1].split("|")[3])
     assert 0 < difference < 1e-8

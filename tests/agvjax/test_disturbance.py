@@ -3,12 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from agvjax import (
-    Cosine,
-    CosineSum,
-    NoDisturbance,
-    Step,
-)
+from agvjax import Cosine, CosineSum, NoDisturbance, Step
 
 
 def test_disturbances_by_hand():

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import agvjax
 from agvjax import Chain, Circle, Deadzone, RateLimit, Saturation, Scenario, SingleTrack, Unicycle
+from commands import arguments
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.tune import page as report
@@ -24,8 +25,8 @@ def test_on_a_circle_everything_is_constant_and_known():
     np.testing.assert_allclose(needed.yaw_rate, omega, rtol=1e-5)
     np.testing.assert_allclose(needed.curvature, 1 / R, rtol=1e-9)
     np.testing.assert_allclose(needed.needs["steering_angle"], np.arctan(L / axle), rtol=1e-4)
-    np.testing.assert_allclose(needed.needs["acceleration"], 0, atol=1e-4)
-    np.testing.assert_allclose(needed.needs["steering_rate"], 0, atol=1e-4)
+    for name in ("acceleration", "steering_rate"):
+        np.testing.assert_allclose(needed.needs[name], 0, atol=1e-4)
 
 
 def test_the_paper_path_needs_of_a_unicycle_what_was_measured_elsewhere():
@@ -60,9 +61,8 @@ class Replay(agvjax.Law):
     def law(self, flow, memory, measurement, reference):
         a, alpha = (jnp.interp(flow, self.t, self.inputs[:, i]) for i in (0, 1))
         inputs = {"acceleration": a, "yaw_acceleration": alpha}
-        return agvjax.Command(position=jnp.zeros_like(measurement.position), heading=a, inputs=inputs), jnp.ones_like(
-            flow
-        )
+        command = agvjax.Command(position=jnp.zeros_like(measurement.position), heading=a, inputs=inputs)
+        return command, jnp.ones_like(flow)
 
 
 def test_who_is_given_what_is_needed_stays_on_the_path():
@@ -114,8 +114,7 @@ def test_a_path_that_ends_early_is_said():
 
 def test_the_command_line_says_it_before_the_run(tmp_path, capsys):
     settings = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=0.2", "simulate.horizon=3"]
-    options = [word for value in settings for word in ("--set", value)]
-    assert cli.main(["simulate", "--out", str(tmp_path / "run"), "--set", "simulate.save_every=100", *options]) == 0
+    assert cli.main(arguments("simulate", tmp_path / "run", [*settings, "simulate.save_every=100"])) == 0
     said = capsys.readouterr().out
     assert "note: the path cannot be followed exactly: acceleration: the path needs" in said
     assert said.index("note:") < said.index("written to")

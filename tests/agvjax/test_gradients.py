@@ -83,12 +83,10 @@ def test_an_integer_gain_can_be_differentiated_after_check():
         jax.grad(late)(NeuroBackstepping(k1=25))
 
 
-@pytest.fixture(scope="session")
-def in_batch():
-    """A cost of gains and of the varying leaves of a batch of three, rolled out in blocks of two."""
-    headings = np.array([-0.4, 0.1, 0.9])
-    amplitudes = np.array([0.0, 0.2, 0.4])
-    limits = np.array([0.3, 0.5, 0.6])
+@pytest.mark.slow
+def test_gradient_of_a_batch_in_gains_and_in_its_own_leaves():
+    """Three scenarios, rolled out in blocks of two, in either mode."""
+    limits, amplitudes, headings = [0.3, 0.5, 0.6], [0.0, 0.2, 0.4], [-0.4, 0.1, 0.9]
     weights = jnp.array([1.0, 2.0, 3.0])  # the rows must not be exchanged
     names = ("deadzone.position.threshold_right", "disturbance.amplitude", "start.heading")
 
@@ -99,23 +97,10 @@ def in_batch():
         metrics = evaluate(controller, batch(Scenario(), values), n_steps=500, block=2)
         return jnp.sum(weights * (jnp.sum(metrics.rmse, axis=-1) + 1e-3 * metrics.effort))
 
-    return function, jnp.concatenate([jnp.zeros(2), limits, amplitudes, headings])
-
-
-@pytest.mark.slow
-def test_gradient_of_a_batch_in_gains_and_in_its_own_leaves(in_batch):
-    function, x = in_batch
-    slope = central(function, x)
-    forward = np.asarray(jax.jacfwd(function)(x))
+    x = jnp.array([0.0, 0.0, *limits, *amplitudes, *headings])
+    slope, forward, reverse = central(function, x), jax.jacfwd(function)(x), jax.grad(function)(x)
     np.testing.assert_allclose(forward, slope, rtol=0, atol=1e-7 * np.abs(slope).max())
     assert (np.abs(forward) > 1e-6).all()
-
-
-@pytest.mark.slow
-def test_reverse_mode_of_a_batch_is_forward_mode(in_batch):
-    function, x = in_batch
-    forward = np.asarray(jax.jacfwd(function)(x))
-    reverse = np.asarray(jax.grad(function)(x))
     np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-10 * np.abs(forward).max())
 
 

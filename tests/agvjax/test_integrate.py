@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import (
-    EULER,
-    HEUN,
-    RK4,
-    NeuroBackstepping,
-)
+from agvjax import EULER, HEUN, RK4, NeuroBackstepping
 
 
 @pytest.mark.parametrize(

@@ -10,24 +10,19 @@ from agvjax.metric_table import METRICS, OLD_NAMES, metrics_of
 from commands import ROOT
 from tuning.config.load import load
 
-RUN = agvjax.Metrics(
-    rmse=np.array([2.0, 3.0, 6.0]),
-    rmse_late=np.array([0.1, 0.2, 0.3]),
-    iae=np.array([1.0, 2.0, 4.0]),
-    ise=np.array([8.0, 16.0, 32.0]),
-    itae=np.array([0.5, 0.25, 0.125]),
-    overshoot=np.array([0.01, 0.02, 0.03]),
-    settling_time=np.array([1.5, 2.5, 0.5]),
-    settled=np.array([True, True, True]),
-    rms_command=np.array([4.0, 4.0, 7.0]),
-    peak_command=np.array([11.0, 12.0, 13.0]),
-    chatter=np.array([100.0, 200.0, 300.0]),
-    ok=np.array(True),
-    rms_delivered=np.array([1.0, 4.0, 8.0]),
-    peak_delivered=np.array([5.0, 7.0, 6.0]),
-    variation_delivered=np.array([10.0, 20.0, 30.0]),
-    limited=np.array(0.25),
-)
+BY_CHANNEL = {  # x, y, heading
+    "rmse": (2.0, 3.0, 6.0),
+    "rmse_late": (0.1, 0.2, 0.3),
+    "overshoot": (0.01, 0.02, 0.03),
+    "settling_time": (1.5, 2.5, 0.5),
+    "rms_command": (4.0, 4.0, 7.0),
+    "peak_command": (11.0, 12.0, 13.0),
+    "chatter": (100.0, 200.0, 300.0),
+}
+IN_TOTAL_ONLY = {"iae": (1.0, 2.0, 4.0), "ise": (8.0, 16.0, 32.0), "itae": (0.5, 0.25, 0.125)}
+IN_TOTAL_ONLY |= {"rms_delivered": (1.0, 4.0, 8.0), "peak_delivered": (5.0, 7.0, 6.0)}
+IN_TOTAL_ONLY |= {"variation_delivered": (10.0, 20.0, 30.0), "limited": 0.25, "settled": (True,) * 3, "ok": True}
+RUN = agvjax.Metrics(**{name: np.array(values) for name, values in (BY_CHANNEL | IN_TOTAL_ONLY).items()})
 BY_HAND = {
     "total_rmse": 7.0,  # 4 + 9 + 36 = 49
     "effort": 9.0,  # 16 + 16 + 49 = 81
@@ -38,31 +33,13 @@ BY_HAND = {
     "total_iae": 7.0,
     "total_ise": 56.0,
     "total_itae": 0.875,
-    "rmse_x": 2.0,
-    "rmse_y": 3.0,
-    "rmse_heading": 6.0,
-    "rmse_late_x": 0.1,
-    "rmse_late_y": 0.2,
-    "rmse_late_heading": 0.3,
-    "overshoot_x": 0.01,
-    "overshoot_y": 0.02,
-    "overshoot_heading": 0.03,
-    "settling_time_x": 1.5,
-    "settling_time_y": 2.5,
-    "settling_time_heading": 0.5,
-    "rms_command_x": 4.0,
-    "rms_command_y": 4.0,
-    "rms_command_heading": 7.0,
-    "peak_command_x": 11.0,
-    "peak_command_y": 12.0,
-    "chatter_x": 100.0,
-    "chatter_y": 200.0,
-    "chatter_heading": 300.0,
+    **{f"{name}_{c}": x for name, row in BY_CHANNEL.items() for c, x in zip(("x", "y", "heading"), row, strict=True)},
     "delivered_effort": 9.0,  # 1 + 16 + 64 = 81
     "delivered_peak": 7.0,
     "delivered_variation": 60.0,
     "limited": 0.25,
 }
+del BY_HAND["peak_command_heading"]  # it is called peak_heading
 
 
 def test_every_row_of_the_table_has_its_value_by_hand():

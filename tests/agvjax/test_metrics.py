@@ -7,6 +7,7 @@ import pytest
 
 import agvjax
 from agvjax.metrics import safe_sqrt
+from runs import trajectory
 
 
 def test_safe_sqrt_has_no_infinite_derivative():
@@ -15,24 +16,9 @@ def test_safe_sqrt_has_no_infinite_derivative():
 
 def settling(error, t, smooth=True):
     """True and smooth settling time of a run whose error in x is given."""
-    flat, pair, three = jnp.zeros_like(t), jnp.zeros((t.size, 2)), jnp.zeros((t.size, 3))
-    run = agvjax.Trajectory(
-        t=t,
-        position=pair.at[:, 0].set(error),
-        velocity=pair,
-        heading=flat,
-        reference_position=pair,
-        reference_heading=flat,
-        command=three,
-        inputs=three,
-        delivered=three,
-        limited=flat > 1,
-        controller=(),
-        weight_norm=None,
-        ok=jnp.array(True),
-    )
-    found = agvjax.measure(run, agvjax.Criteria(smooth=smooth))
-    return found.settling_time[0], found.settling_smooth[0] if smooth else found.settling_smooth
+    run = trajectory(t, position=jnp.stack([error, jnp.zeros_like(t)], axis=1))
+    metrics = agvjax.measure(run, agvjax.Criteria(smooth=smooth))
+    return metrics.settling_time[0], metrics.settling_smooth[0] if smooth else metrics.settling_smooth
 
 
 @pytest.mark.parametrize("tau", [0.2, 0.5, 1.5])

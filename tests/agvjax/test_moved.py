@@ -1,15 +1,13 @@
 """What users of earlier releases have typed goes on working, says where it is today, and costs nothing until then."""
 
 import importlib
-import subprocess
-import sys
 
 import pytest
 
 import agvjax
 import tuning
 from agvjax import _moved
-from commands import ROOT
+from commands import python
 
 TYPED = {  # an old name, and where what it means lies today
     "agvjax.Problem": "agvjax.errors.Fault",
@@ -88,6 +86,5 @@ def test_the_faults_of_an_error_have_their_old_name_too():
 
 def test_old_modules_are_found_with_neither_package_imported_before():
     code = "import warnings; warnings.simplefilter('ignore'); from tuning.settings import Tune; print(Tune.__module__)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.strip() == "tuning.config.settings", done.stderr
+    assert python(code).strip() == "tuning.config.settings"
     assert tuning.Tune.__module__ == "tuning.config.settings"

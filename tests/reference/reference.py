@@ -7,6 +7,7 @@ state of shape (18,) or a trajectory of shape (n, 18) with t of shape (n,).
 """
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -74,6 +75,16 @@ def deadzone(u, slope_right: float, slope_left: float, threshold_right: float, t
     return slope_right * np.maximum(u - threshold_right, 0.0) + slope_left * np.minimum(u + threshold_left, 0.0)
 
 
+def delivered(commands: Array, p: Parameters) -> Array:
+    """What the actuators deliver of commands (..., 3)."""
+    position = deadzone(commands[..., :2], p.slope_right, p.slope_left, p.threshold_right, p.threshold_left)
+    slopes, thresholds = (
+        (p.heading_slope_right, p.heading_slope_left),
+        (p.heading_threshold_right, p.heading_threshold_left),
+    )
+    return np.concatenate([position, deadzone(commands[..., 2:], *slopes, *thresholds)], axis=-1)
+
+
 def wrap(angle: ArrayLike) -> Array:
     """Angle brought into [-pi, pi]."""
     return np.arctan2(np.sin(angle), np.cos(angle))
@@ -137,9 +148,8 @@ def _closed_loop(t: ArrayLike, s: Array, p: Parameters) -> tuple[Array, Array]:
     z3 = wrap(psi - psi_d) if p.wrapped else psi - psi_d  # R17
     nodes_psi = activation(p, psi) / (2.0 * p.b2**2)
     omega_bar = -p.k3 * z3 + (-z3 * varphi_psi * nodes_psi + psi_d_rate - p.Lam_psi * beta2) / p.Pi_psi_hat  # (63)
-    numbers = p.slope_right, p.slope_left, p.threshold_right, p.threshold_left
-    slopes = p.heading_slope_right, p.heading_slope_left
-    omega = deadzone(omega_bar, *slopes, p.heading_threshold_right, p.heading_threshold_left)
+    command = np.array([u_x, u_y, omega_bar]).T
+    d_x, d_y, omega = delivered(command, p).T
     cosines = np.cos(np.asarray(t)[..., None] * p.disturbance_omega + p.disturbance_phase)
     delta_x, delta_y, delta_psi = (cosines * p.disturbance_amplitude).T
     sine, cosine = np.sin(psi), np.cos(psi)
@@ -153,7 +163,7 @@ def _closed_loop(t: ArrayLike, s: Array, p: Parameters) -> tuple[Array, Array]:
     damping, stiffness = 2.0 * p.zeta * p.omega_n, p.omega_n ** (1 if p.filter == "standard" else 2)  # R5
     derivative = [
         *(vx, vy),  # (6)
-        *(f1 + deadzone(u_x, *numbers) + delta_x, f2 + deadzone(u_y, *numbers) + delta_y, omega + delta_psi),
+        *(f1 + d_x + delta_x, f2 + d_y + delta_y, omega + delta_psi),
         *(p.omega_n * gx, p.omega_n * gy),  # (22)
         *(-damping * gx - stiffness * (fx - alpha_x), -damping * gy - stiffness * (fy - alpha_y)),
         *(xi2x + fx - alpha_x - p.k1 * xi1x, xi2y + fy - alpha_y - p.k1 * xi1y),  # (23)
@@ -162,7 +172,7 @@ def _closed_loop(t: ArrayLike, s: Array, p: Parameters) -> tuple[Array, Array]:
         z3,  # (57)
         p.gamma2 * z3**2 * nodes_psi / p.Pi_psi_hat - p.eta2 * varphi_psi,  # (67)
     ]
-    return np.array([u_x, u_y, omega_bar]).T, np.array(derivative).T
+    return command, np.array(derivative).T
 
 
 def commands(t: ArrayLike, s: Array, p: Parameters) -> Array:
@@ -196,17 +206,21 @@ def solve(p: Parameters, horizon=12.0, times=None, rtol=1e-11, atol=1e-12, max_s
     return times, states
 
 
+def rk4_step(rate: Callable[[float, Array], Array], t: float, s: Array, h: float) -> Array:
+    """One classical Runge-Kutta step."""
+    a = rate(t, s)
+    b = rate(t + h / 2, s + h / 2 * a)
+    c = rate(t + h / 2, s + h / 2 * b)
+    return s + h / 6 * (a + 2 * b + 2 * c + rate(t + h, s + h * c))
+
+
 def rk4(p: Parameters, dt: float, n_steps: int) -> tuple[Array, Array]:
     """Times and states of n_steps classical Runge-Kutta steps."""
     times = dt * np.arange(n_steps + 1)
     states = np.empty((n_steps + 1, SIZE))
     states[0] = s = initial_state(p)
     for i, t in enumerate(times[:-1]):
-        a = right_hand_side(t, s, p)
-        b = right_hand_side(t + dt / 2, s + dt / 2 * a, p)
-        c = right_hand_side(t + dt / 2, s + dt / 2 * b, p)
-        d = right_hand_side(t + dt, s + dt * c, p)
-        states[i + 1] = s = s + dt / 6 * (a + 2 * b + 2 * c + d)
+        states[i + 1] = s = rk4_step(lambda t, s: right_hand_side(t, s, p), t, s, dt)
     return times, states
 
 

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with console.parts(settings.drives + (settings.starts + ROUNDS if posed else 0)) as tick:
             if posed is None:
-                text = page.write_first(room.first_drive(config, tick), out)
+                text = page.write_drive(room.first_drive(config, tick), out)
             else:
                 text = page.write(config, room.identified(config, posed, unseen, tick), out)
     except InputError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import agvjax
@@ -88,7 +88,6 @@ def _axes() -> Codec:
 
 def _judged(
     of: Callable[[float], Setting],
-    names: Collection[str] = (),
     base: Callable[[agvjax.Plant], Mapping[str, Setting]] = lambda plant: {},
     blank: str = "",
 ) -> Codec:
@@ -96,24 +95,21 @@ def _judged(
 
     Args:
         of: the object that a number stands for.
-        names: the metrics that there are; empty where another rule says so.
-        base: what the table adds to; a table of nothing takes one of them away.
-        blank: the field that is written where all are the default; empty: none is.
+        base: what the table adds to; a table in which all is the default takes one of them away.
+        blank: the field that is written where all are the default, which takes nothing away then; empty: none is.
     """
     usual = type(of(1.0))()
 
     def read(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, Setting]:
-        values, taken = dict(base(reader.plant)), []
-        for name, value in table.items():
-            part = f"{key}.{name}"
-            if names and name not in names:
-                reader.unknown(part, value, tuple(names))
-            elif isinstance(value, Mapping):
-                values[name] = reader.fields(part, usual, value)
-                taken += [name] if values[name] == usual and not blank else []
-            else:
-                values[name] = of(reader.plain(part, 1.0, value))
-        return {name: value for name, value in values.items() if name not in taken}
+        values = dict(base(reader.plant))
+        for name, value in reader.named(key, table, tuple(METRICS)).items():
+            if not isinstance(value, Mapping):
+                values[name] = of(reader.plain(f"{key}.{name}", 1.0, value))
+                continue
+            values[name] = reader.fields(f"{key}.{name}", usual, value)
+            if values[name] == usual and not blank:
+                del values[name]
+        return values
 
     def write(writer: Writer, key: str, values: Mapping[str, Setting]) -> Toml:
         return {name: one(x) for name, x in {**dict.fromkeys(base(writer.plant), usual), **values}.items()}
@@ -127,10 +123,6 @@ def _judged(
     return Codec(read, write)
 
 
-def _default_limits(plant: agvjax.Plant) -> dict[str, Limit]:
-    return {name: limit for name, limit in default_limits().items() if name in metrics_of(plant)}
-
-
 def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> Correlation | None:
     leaves, rows = (table["leaves"], table["matrix"]) if set(table) == {"leaves", "matrix"} else (None, None)
     matrix = numbers(rows) if isinstance(leaves, list) and isinstance(rows, list) else None
@@ -142,19 +134,18 @@ def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str,
 
 def _slope(reader: Reader, key: str, default: Setting, table: Toml) -> Setting:
     """A believed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
-    known = isinstance(table, Mapping)
-    return reader.fields(key, agvjax.readings.KnownSlopes(), table) if known else reader.plain(key, 1.0, table)
+    if isinstance(table, Mapping):
+        return reader.fields(key, agvjax.readings.KnownSlopes(), table)
+    return reader.plain(key, 1.0, table)
 
 
 def _deadzones(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
     """By actuator a table that changes the nominal deadzone, or "none" for an actuator without one."""
-    for name in set(table) - set(reader.plant.actuators):
-        reader.unknown(f"{key}.{name}", table[name], reader.plant.actuators)
-    tables = {name: table.get(name, {} if name in default else "none") for name in reader.plant.actuators}
+    tables = {**dict.fromkeys(default, {}), **reader.named(key, table, reader.plant.actuators)}
     return {
-        name: reader.fields(f"{key}.{name}", default.get(name, agvjax.Deadzone()), part)
-        for name, part in tables.items()
-        if part != "none"
+        name: reader.fields(f"{key}.{name}", default.get(name, agvjax.Deadzone()), tables[name])
+        for name in reader.plant.actuators
+        if tables.get(name, "none") != "none"
     }
 
 
@@ -168,10 +159,8 @@ def _chains(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml
     if not all(isinstance(chain, Mapping) for chain in table.values()):
         reader.wrong(key, table, CHAINS)
         return default
-    actuators = reader.plant.actuators
-    for name in set(table) - set(actuators):
-        reader.unknown(f"{key}.{name}", table[name], actuators)
-    return {name: _chain(reader, f"{key}.{name}", table[name]) for name in table if name in actuators}
+    chains = reader.named(key, table, reader.plant.actuators)
+    return {name: _chain(reader, f"{key}.{name}", parts) for name, parts in chains.items()}
 
 
 def _chain(reader: Reader, key: str, table: Mapping[str, Toml]) -> agvjax.Chain:
@@ -204,8 +193,8 @@ CODECS = {
     "tune.gains": _names(0),
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
-    "tune.goals": _judged(lambda x: Weights(mean=x), METRICS),
-    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), METRICS, _default_limits),
+    "tune.goals": _judged(lambda x: Weights(mean=x)),
+    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), lambda plant: default_limits(metrics_of(plant))),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
     "sweep.metrics": _names(),

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+from typing import TypeVar
 
 import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import correlated, default_draws
-from .settings import SWEPT_METRICS, Config, default_limits, default_over
+from .settings import SWEPT_METRICS, Config, Ensemble, Sweep, Tune, default_limits, default_over
+
+Section = TypeVar("Section", Ensemble, Tune, Sweep)
 
 
 def complete(config: Config) -> Config:
@@ -19,22 +22,20 @@ def complete(config: Config) -> Config:
     configuration calls this first, so that Python and TOML mean the same.
     """
     plant, law, leaves = config.scenario.plant, config.controller, agvjax.leaves(config.scenario)
-    tune, ensemble, sweep, known = config.tune, config.ensemble, config.sweep, metrics_of(plant)
-    if tune.gains is None:
-        tune = dataclasses.replace(tune, gains=law.gains_to_tune(plant.commands_heading))
-    if tune.limits is None:
-        limits = {name: limit for name, limit in default_limits().items() if name in known}
-        tune = dataclasses.replace(tune, limits=limits)
-    if ensemble.draws is None:
-        draws = {name: draw for name, draw in default_draws(plant.actuators).items() if name in leaves}
-        ensemble = dataclasses.replace(ensemble, draws=draws)
+    known = metrics_of(plant)
+    draws = {name: draw for name, draw in default_draws(plant.actuators).items() if name in leaves}
+    axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
+    ensemble = _filled(config.ensemble, draws=draws)
     if ensemble.correlation is not None:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
-            draws = correlated(ensemble.draws or {}, ensemble.correlation)
-            ensemble = dataclasses.replace(ensemble, draws=draws)
-    if sweep.metrics is None:
-        sweep = dataclasses.replace(sweep, metrics=tuple(name for name in SWEPT_METRICS if name in known))
-    if sweep.over is None:
-        axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
-        sweep = dataclasses.replace(sweep, over=tuple(axis for axis in axes if axis))
+            tied = correlated(ensemble.draws, ensemble.correlation)
+            ensemble = dataclasses.replace(ensemble, draws=tied)
+    tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), limits=default_limits(known))
+    metrics = tuple(name for name in SWEPT_METRICS if name in known)
+    sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)
+
+
+def _filled(section: Section, **defaults: object) -> Section:
+    """A section with the default of each field that it leaves open."""
+    return dataclasses.replace(section, **{n: x for n, x in defaults.items() if getattr(section, n) is None})

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import agvjax
+from agvjax import Fault, InputError
 from agvjax.protocols import Disturbance, Element, Heading, Law, Plant, Sensor
 from agvjax.protocols import Path as ReferencePath
 
@@ -50,50 +50,46 @@ def load_files(paths: Iterable[str]) -> dict[str, str]:
         agvjax.InputError: a file cannot be executed, or a class in it cannot be named in TOML.
     """
     imports: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for path in paths:
         file = _load(path)
         if imports.setdefault(file.name, file.digest) != file.digest:
             raise _wrong(path, f"of another name: {file.name} is given twice, with different contents")
-    owners: dict[str, str] = {}
-    for name, digest in imports.items():
-        for cls in _FILES[digest].classes:
-            if owners.setdefault(cls, name) != name:
-                raise _wrong(name, f"without a class {cls}: {owners[cls]} has one")
+        for cls in file.classes:
+            if owners.setdefault(cls, file.name) != file.name:
+                raise _wrong(path, f"without a class {cls}: {owners[cls]} has one")
     return imports
 
 
-def claim(table: Mapping[str, Toml], given: Mapping[str, str]) -> None:
-    """Refuse a table whose [imports] name a file that was not `given` with it, or was with another content.
+def claim(table: Mapping[str, Toml], loaded: Mapping[str, str]) -> None:
+    """Refuse a table whose [imports] name a file that is not `loaded`, or is with another content.
 
     Raises:
         agvjax.InputError: names every such file and its SHA-256.
     """
     imports, faults = table.get("imports", {}), []
     if not isinstance(imports, Mapping):
-        raise agvjax.InputError([agvjax.Fault("imports", repr(imports), "a table of files with their SHA-256")])
+        raise InputError([Fault("imports", repr(imports), "a table of files with their SHA-256")])
     for name, digest in imports.items():
-        if given.get(name) != digest:
-            other = f" with this content; that of the one given is {given[name]}" if name in given else ""
+        if loaded.get(name) != digest:
+            other = f" with this content; that of the one given is {loaded[name]}" if name in loaded else ""
             rule = f"the SHA-256 of a file that was given: give --import {name}{other}"
-            faults.append(agvjax.Fault(f"imports.{name}", digest, rule))
+            faults.append(Fault(f"imports.{name}", digest, rule))
     if faults:
-        raise agvjax.InputError(faults)
+        raise InputError(faults)
 
 
 def classes(imports: Mapping[str, str]) -> Classes:
     """The classes that can be named in TOML, those of these files among them."""
-    own = [
-        (cls, place) for digest in imports.values() for cls in _FILES[digest].classes.values() for place in _places(cls)
-    ]
-    return {
-        place: {**named, **{cls.__name__: cls for cls, at in own if at == place}} for place, named in CLASSES.items()
-    }
+    loaded = [cls for digest in imports.values() for cls in _FILES[digest].classes.values()]
+    usable = {place: {cls.__name__: cls for cls in loaded if place in _places(cls)} for place in CLASSES}
+    return {place: {**built_in, **usable[place]} for place, built_in in CLASSES.items()}
 
 
 def source(cls: type, place: str) -> File | None:
     """The file that a class comes from, if one was given that has it and it may stand in this place."""
-    files = (file for file in _FILES.values() if file.classes.get(cls.__name__) is cls)
-    return next(files, None) if place in _places(cls) else None
+    files = (file for file in _FILES.values() if file.classes.get(cls.__name__) is cls and place in _places(cls))
+    return next(files, None)
 
 
 def _places(cls: type) -> tuple[str, ...]:
@@ -117,29 +113,27 @@ def _load(path: str) -> File:
     except Exception as error:  # whatever the file raises
         line = traceback.extract_tb(error.__traceback__)[-1].lineno
         raise _wrong(path, f"a file of Python that runs (line {line}: {type(error).__name__}: {error})") from error
-    named = {x.__name__: x for x in vars(module).values() if isinstance(x, type) and x.__module__ == module.__name__}
-    usable = {name: cls for name, cls in named.items() if _places(cls)}
-    for cls in usable.values():
-        _check(path, cls)
-    decorated = {name: cls for name, cls in usable.items() if "__dataclass_fields__" in vars(cls)}
-    _FILES[digest] = File(name, digest, decorated)
+    defined = [x for x in vars(module).values() if isinstance(x, type) and x.__module__ == module.__name__]
+    usable = [cls for cls in defined if _places(cls) and _decorated(path, cls)]
+    _FILES[digest] = File(name, digest, {cls.__name__: cls for cls in usable})
     return _FILES[digest]
 
 
-def _check(path: str, cls: type) -> None:
-    """Refuse a class that no table could make."""
-    built_in = {name for place in _places(cls) for name in CLASSES[place]}
-    built_in |= {known.__name__ for place in _places(cls) for known in CLASSES[place].values() if known}
-    if cls.__name__ in built_in:
-        raise _wrong(path, f"a file with other names: {cls.__name__} is built in")
+def _decorated(path: str, cls: type) -> bool:
+    """Whether a class is a dataclass, and no base of others only; one that no table could make is refused."""
+    for place in _places(cls):
+        if cls.__name__ in CLASSES[place] or cls.__name__ in {x.__name__ for x in CLASSES[place].values() if x}:
+            raise _wrong(path, f"a file with other names: {cls.__name__} is built in")
     if "__dataclass_fields__" not in vars(cls):
         if not cls.__subclasses__():
             raise _wrong(path, f"a file whose classes stand under @agvjax.pytree: {cls.__name__} does not")
-        return
-    bare = [f.name for f in dataclasses.fields(cls) if f.default is f.default_factory is dataclasses.MISSING]
-    if bare:
-        raise _wrong(path, f"a file in whose classes every field has a default: {cls.__name__}.{bare[0]} has none")
+        return False
+    for field in dataclasses.fields(cls):
+        if field.default is field.default_factory is dataclasses.MISSING:
+            rule = f"a file in whose classes every field has a default: {cls.__name__}.{field.name} has none"
+            raise _wrong(path, rule)
+    return True
 
 
-def _wrong(path: str, rule: str) -> agvjax.InputError:
-    return agvjax.InputError([agvjax.Fault("--import", path, rule)])
+def _wrong(path: str, rule: str) -> InputError:
+    return InputError([Fault("--import", path, rule)])

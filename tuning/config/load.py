@@ -41,15 +41,11 @@ def load(
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
-    given, table = load_files(imports), {}
-    for name in files:
-        part = parsed(name)
-        claim(part, given)
+    loaded, table = load_files(imports), {}
+    parts = [*map(parsed, files), *map(_override, overrides), *(_nested(key, x) for key, x in (more or {}).items())]
+    for part in parts:
+        claim(part, loaded)
         _merge(table, present(part, note))
-    for text in overrides:
-        _merge(table, present(_override(text), note))
-    for key, value in (more or {}).items():
-        _merge(table, present(_nested(key, value), note))
     return resolve(table, rules, imports)
 
 

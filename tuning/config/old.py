@@ -10,8 +10,7 @@ from agvjax.metric_table import OLD_NAMES
 
 from .spellings import Toml, flat
 
-BY_METRIC = ("tune.goals", "tune.limits", "sweep.fails")  # tables
-OF_METRICS = ("sweep.metrics", "pareto.metric")  # a name, or a list of names
+METRIC_KEYS = {"tune": ("goals", "limits"), "sweep": ("fails", "metrics"), "pareto": ("metric",)}  # hold metric names
 RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
     "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
@@ -23,29 +22,30 @@ def warned(text: str) -> None:
     warnings.warn(text, DeprecationWarning, stacklevel=3)
 
 
-def present(table: Mapping[str, Toml], note: Callable[[str], None], key: str = "") -> dict[str, Toml]:
+def present(table: Mapping[str, Toml], note: Callable[[str], None]) -> dict[str, Toml]:
     """The table with the present names of metrics; each old one is told to `note`."""
+    table = dict(table)
+    for section, keys in METRIC_KEYS.items():
+        if isinstance(table.get(section), Mapping):
+            parts = table[section].items()
+            table[section] = {k: _renamed(x, f"{section}.{k}", note) if k in keys else x for k, x in parts}
+    return table
 
-    def renamed(name: str, where: str) -> str:
-        new = OLD_NAMES.get(name, name)
-        if new != name:
-            note(f"{where}: the old name of {new}")
-        return new
 
-    read: dict[str, Toml] = {}
-    for name, value in table.items():
-        part = f"{key}.{name}" if key else name
-        if key in BY_METRIC:
-            read[renamed(name, part)] = value
-        elif part in OF_METRICS and isinstance(value, str):
-            read[name] = renamed(value, f"{part} = {value}")
-        elif part in OF_METRICS and isinstance(value, list):
-            read[name] = [renamed(x, f"{part} = {x}") if isinstance(x, str) else x for x in value]
-        elif isinstance(value, Mapping) and part in ("tune", "sweep", "pareto", *BY_METRIC):
-            read[name] = present(value, note, part)
-        else:
-            read[name] = value
-    return read
+def _renamed(value: Toml, key: str, note: Callable[[str], None]) -> Toml:
+    """A name of a metric, a list of them, or a table by their names, in present names."""
+    if isinstance(value, Mapping):
+        return {_new_name(name, f"{key}.{name}", note): part for name, part in value.items()}
+    if isinstance(value, list):
+        return [_renamed(name, key, note) for name in value]
+    return _new_name(value, f"{key} = {value}", note) if isinstance(value, str) else value
+
+
+def _new_name(name: str, place: str, note: Callable[[str], None]) -> str:
+    new = OLD_NAMES.get(name, name)
+    if new != name:
+        note(f"{place}: the old name of {new}")
+    return new
 
 
 def difference(old: str, new: str) -> str:

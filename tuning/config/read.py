@@ -36,6 +36,13 @@ class Reader:
         near = difflib.get_close_matches(key.rpartition(".")[2], known, 1, 0.5)
         self.wrong(key, value, f"a known key; did you mean {near[0]}?" if near else f"one of {', '.join(known)}")
 
+    def named(self, key: str, table: Mapping[str, Toml], known: Sequence[str]) -> dict[str, Toml]:
+        """What has a known name in the table at `key`; names that are not known are noted."""
+        for name in table:
+            if name not in known:
+                self.unknown(f"{key}.{name}", table[name], known)
+        return {name: part for name, part in table.items() if name in known}
+
     def config(self, table: Mapping[str, Toml], default: Config) -> Config:
         """A configuration; its scenario first, since settings of the law and of the tools hang on the plant."""
         if "scenario" in table:
@@ -81,6 +88,7 @@ class Reader:
             self.wrong(key, table, "a table")
             return default
         fields = {field.name: field for field in dataclasses.fields(default)}
+        counts = [f.name for f in fields.values() if f.metadata.get("static") and type(f.default) is int]
         new = {}
         for name, value in table.items():
             part = f"{key}.{name}" if key else name
@@ -89,11 +97,8 @@ class Reader:
                     self.wrong(part, value, RETIRED[part])
             elif name not in fields:
                 self.unknown(part, value, list(fields))
-            elif fields[name].metadata.get("static") and type(fields[name].default) is int:
-                if type(value) is int and value >= 1:
-                    new[name] = value
-                else:
-                    self.wrong(part, value, "a whole number >= 1")
+            elif name in counts and (type(value) is not int or value < 1):
+                self.wrong(part, value, "a whole number >= 1")
             else:
                 new[name] = self.read(part, getattr(default, name), value, fields[name].metadata.get("choices", ()))
         return dataclasses.replace(default, **new)
@@ -124,10 +129,8 @@ class Reader:
         return self.fields(key, default, rest)
 
     def make(self, key: str, default: Any, table: Mapping[str, Toml], recipe: Recipe) -> Any:
-        """An object that a function of its own makes from the table."""
-        for name in table:
-            if name not in recipe.keys:
-                self.unknown(f"{key}.{name}", table[name], recipe.keys)
+        """An object that a recipe makes from the table."""
+        self.named(key, table, recipe.keys)
         try:
             return recipe.make(table)
         except agvjax.InputError as error:
@@ -141,19 +144,16 @@ class Reader:
             if type(value) is not type(default):
                 self.wrong(key, value, "true or false" if isinstance(default, bool) else "a string")
                 return default
-            return self.chosen(key, default, value, choices)
-        array = numbers(value)
-        listed = key.startswith(("controller.", "scenario."))  # where a leaf may be an array its own rule says which
-        if array is None or (array.ndim and not listed):
-            self.wrong(key, value, "a number or a list of numbers" if listed else "a number")
-            return default
-        if array.ndim:
-            return array
-        whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
-        return self.chosen(key, default, int(array) if whole else float(array), choices)
-
-    def chosen(self, key: str, default: Any, value: Any, choices: Sequence[str | int]) -> Any:
-        """A value that must be one of some."""
+        else:
+            array = numbers(value)
+            listed = key.startswith(("controller.", "scenario."))  # the rule of a leaf says whether it may be an array
+            if array is None or (array.ndim and not listed):
+                self.wrong(key, value, "a number or a list of numbers" if listed else "a number")
+                return default
+            if array.ndim:
+                return array
+            whole = isinstance(default, int) and np.isfinite(array) and array == np.round(array)
+            value = int(array) if whole else float(array)
         if choices and value not in choices:
             words = [str(x) for x in choices]
             self.wrong(key, value, " or ".join(words) if len(words) < 3 else f"one of {', '.join(words)}")

@@ -10,7 +10,7 @@ import numpy as np
 import agvjax
 
 from ..io.csv_file import read
-from .spellings import Toml
+from .spellings import Toml, numbers
 
 
 class Recipe(NamedTuple):
@@ -34,9 +34,10 @@ def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
         columns = _file(table["file"], ("x", "y"), ("speed",))
         points, speed = np.column_stack([columns["x"], columns["y"]]), columns.get("speed")
     else:
-        rows = _array(table, "points", "a list of [x, y] in m, or of [x, y, speed]")
+        rule = "a list of [x, y] in m, or of [x, y, speed]"
+        rows = _array(table, "points", rule)
         if rows.ndim != 2 or rows.shape[1] not in (2, 3):
-            _wrong("points", f"shape {rows.shape}", "a list of [x, y] in m, or of [x, y, speed]")
+            _wrong("points", f"shape {rows.shape}", rule)
         points, speed = rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else None
     if "speed" in table and speed is not None:
         _wrong("speed", table["speed"], f"absent where the {source} has speeds")
@@ -65,9 +66,8 @@ def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
         if times.ndim != 1 or times.size < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
             _wrong("times", _short(table["times"]), "at least two numbers in s, each above the one before")
         if values.shape != (times.size, 3) or not np.all(np.isfinite(values)):
-            _wrong(
-                "values", _short(table["values"]), f"a list of {times.size} finite [x, y, heading], one for each time"
-            )
+            rule = f"a list of {times.size} finite [x, y, heading], one for each time"
+            _wrong("values", _short(table["values"]), rule)
     factor: Any = _array({"amplitude": 1.0, **table}, "amplitude", "a number or one for each of three channels")
     return agvjax.Recorded(times=times, values=values, amplitude=factor if factor.ndim else float(factor))
 
@@ -89,12 +89,11 @@ RECIPES: dict[type, Recipe] = {
 
 def _source(table: Mapping[str, Toml], inline: str) -> str:
     """Which of the two ways the numbers are given."""
-    given = [name for name in ("file", inline) if name in table]
-    if not given:
-        _wrong("file", "", f"the name of a CSV file, where there are no {inline}")
-    if len(given) > 1:
+    if "file" in table and inline in table:
         _wrong(inline, _short(table[inline]), "absent where there is a file")
-    return given[0]
+    if "file" not in table and inline not in table:
+        _wrong("file", "", f"the name of a CSV file, where there are no {inline}")
+    return "file" if "file" in table else inline
 
 
 def _file(name: Toml, columns: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
@@ -108,20 +107,16 @@ def _file(name: Toml, columns: Sequence[str], optional: Sequence[str]) -> dict[s
 
 
 def _array(table: Mapping[str, Toml], name: str, rule: str) -> np.ndarray:
-    """Numbers of a table."""
-    given = table.get(name)
-    try:
-        array = np.asarray(given)
-        if array.size and array.dtype.kind in "if":
-            return array.astype(float)
-    except ValueError:  # unequal lists
-        pass
-    _wrong(name, _short(given), rule)
+    """Numbers of a table, at least one."""
+    array = numbers(table.get(name))
+    if array is None or not array.size:
+        _wrong(name, _short(table.get(name)), rule)
+    return array
 
 
-def _short(given: Toml) -> Toml:
-    text = repr(given)
-    return given if len(text) < 80 else f"{text[:60]} ... ({len(text)} characters)"
+def _short(value: Toml) -> Toml:
+    text = repr(value)
+    return value if len(text) < 80 else f"{text[:60]} ... ({len(text)} characters)"
 
 
 def _wrong(key: str, value: Toml, rule: str) -> NoReturn:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -87,9 +87,10 @@ def default_goals() -> dict[str, Weights]:
     return {"total_rmse": Weights(mean=1.0, worst=0.3)}
 
 
-def default_limits() -> dict[str, Limit]:
-    """The default problem's: no more command than the starting gains ask for, on average and at worst."""
-    return dict.fromkeys(("effort", "peak_position", "peak_heading"), Limit(mean=1.0, worst=1.0))
+def default_limits(known: Collection[str] = METRICS) -> dict[str, Limit]:
+    """No more command than the starting gains ask for, on average and at worst; of the metrics that are `known`."""
+    limited = [name for name in ("effort", "peak_position", "peak_heading") if name in known]
+    return dict.fromkeys(limited, Limit(mean=1.0, worst=1.0))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

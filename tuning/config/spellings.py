@@ -72,12 +72,12 @@ def _distribution(rest: dict[str, Toml], rule: str) -> Distribution:
     family, times = rest.pop("distribution"), rest.pop("times", False)
     if not (isinstance(family, str) and isinstance(times, bool) and all(map(_number, rest.values()))):
         raise ValueError(rule)
-    found = Distribution(family, {key: float(value) for key, value in rest.items()}, times)
+    distribution = Distribution(family, {key: float(value) for key, value in rest.items()}, times)
     try:
-        found.quantile(0.5, 1.0)
+        distribution.quantile(0.5, 1.0)
     except ValueError as error:
         raise ValueError(f"a distribution of scipy.stats with its parameters ({error})") from error
-    return found
+    return distribution
 
 
 def _number(value: Toml) -> bool:
@@ -86,19 +86,19 @@ def _number(value: Toml) -> bool:
 
 def span(table: Toml, name: str = "") -> Span:
     """A draw with `points`: on a grid, of `one_of` all values; without points, or 0 of `one_of`, it is sampled."""
-    given: Toml = {"one_of": table} if isinstance(table, list) else table if isinstance(table, Mapping) else {}
-    rest = {name: value for name, value in given.items() if name != "points"}
-    rule = "{ between = [low, high], points = 11 }, without points to be sampled; or times, one_of, a distribution"
+    rule = "{ between = [low, high], points = 11 }, without points to be sampled; or times, one_of, a distribution;"
+    rule += " or a list of values"
+    rest: Toml = {"one_of": table} if isinstance(table, list) else dict(table) if isinstance(table, Mapping) else {}
+    points = rest.pop("points", None)
     try:
         axis = draw(rest)
     except ValueError as error:
-        raise ValueError(f"{rule}; or a list of values") from error
+        raise ValueError(rule) from error
     values = axis.values if isinstance(axis, OneOf) else ()
-    points = given.get("points", len(values))
-    usable = (0, len(values)) if values else range(0 if "points" not in given else 1, 2**63)
-    if len(set(values)) < len(values) or type(points) is not int or points not in usable:
-        raise ValueError(f"{rule}; or a list of values")
-    return Span(axis, int(points))
+    usable = (0, len(values)) if values else range(1, 2**63)
+    if len(set(values)) < len(values) or not (points is None or (type(points) is int and points in usable)):
+        raise ValueError(rule)
+    return Span(axis, len(values) if points is None else points)
 
 
 def column(value: Toml, name: str) -> Column:

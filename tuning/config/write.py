@@ -22,7 +22,7 @@ from .spellings import Toml, flat
 
 
 class Writer:
-    """Makes tables of objects; collects what TOML has no words for, and the files that classes come from."""
+    """Makes tables of objects; collects what cannot be written in TOML, and the files that classes come from."""
 
     def __init__(self, plant: agvjax.Plant) -> None:
         self.faults: list[agvjax.Fault] = []
@@ -45,7 +45,8 @@ class Writer:
 
     def typed(self, key: str, value: Any, place: str) -> Toml:
         """An object with the name of its class, of those that may stand in a `place`."""
-        names = [name for name, cls in CLASSES[place].items() if (value is None if cls is None else type(value) is cls)]
+        kind = None if value is None else type(value)
+        names = [name for name, cls in CLASSES[place].items() if cls is kind]
         if not names and (file := source(type(value), place)):
             names = [type(value).__name__]
             self.imports[file.name] = file.digest
@@ -86,11 +87,9 @@ class Writer:
 def table_of(config: Config, settings: bool = False) -> tuple[dict[str, Toml], Writer]:
     """The table of a configuration, or of all but its law, its scenario and its imports; and its writer."""
     writer = Writer(config.scenario.plant)
-    left = {"imports"} | ({"controller", "scenario"} if settings else set())
-    usual = {field.name: field for field in dataclasses.fields(config)}
-    parts = {name: getattr(config, name) for name in usual if name not in left}
-    default = Config()
-    table = {name: writer.write(name, part, getattr(default, name)) for name, part in parts.items()}
+    left, default = {"imports", "controller", "scenario"} if settings else {"imports"}, vars(Config())
+    parts = {name: part for name, part in vars(config).items() if name not in left}
+    table = {name: writer.write(name, part, default[name]) for name, part in parts.items()}
     return writer.plain("", table), writer
 
 
@@ -108,7 +107,11 @@ def dump(config: Config, strict: bool = True) -> str:
     imports = {**config.imports, **writer.imports}
     if strict and (faults := writer.faults or _changed(config, table, imports)):
         raise agvjax.InputError(faults)
-    return tomli_w.dumps({"version": VERSION} | ({"imports": imports} if imports else {}) | table)
+    return _text(table, imports)
+
+
+def _text(table: Mapping[str, Toml], imports: Mapping[str, str]) -> str:
+    return tomli_w.dumps({"version": VERSION} | ({"imports": imports} if imports else {}) | dict(table))
 
 
 def _changed(config: Config, table: dict[str, Toml], imports: Mapping[str, str]) -> list[agvjax.Fault]:
@@ -128,8 +131,6 @@ def gains_table(controller: agvjax.Law) -> str:
     """`gains.toml`: the controller, which `--config` reads back; of a law that TOML has no name for its numbers."""
     writer = Writer(agvjax.Decoupled())
     table = writer.plain("", {"controller": writer.write("controller", controller, controller)})
-    imports = {"imports": writer.imports} if writer.imports else {}
     if not writer.faults:
-        return tomli_w.dumps({"version": VERSION, **imports, **table})
-    numbers = {name: np.asarray(x).tolist() for name, x in agvjax.leaves(controller).items()}
-    return tomli_w.dumps({"version": VERSION, "gains": numbers})
+        return _text(table, writer.imports)
+    return _text({"gains": {name: np.asarray(x).tolist() for name, x in agvjax.leaves(controller).items()}}, {})

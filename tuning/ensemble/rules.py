@@ -9,39 +9,35 @@ from typing import Any
 import numpy as np
 
 import agvjax
+from agvjax import Fault
 
 from .draws import Draw
 
 
-def undrawable(scenario: Any, draws: Mapping[str, Draw]) -> list[agvjax.Fault]:
+def undrawable(scenario: Any, draws: Mapping[str, Draw]) -> list[Fault]:
     """Draws of what is no leaf of the scenario."""
-    leaves = agvjax.leaves(scenario)
-    found = [
-        agvjax.Fault("ensemble.draws", name, f"a leaf of the scenario{near(name, leaves)}")
-        for name in draws
-        if name not in leaves
-    ]
     if not draws:
-        found.append(agvjax.Fault("ensemble.draws", "{}", "at least one leaf of the scenario"))
-    return found
+        return [Fault("ensemble.draws", "{}", "at least one leaf of the scenario")]
+    leaves = agvjax.leaves(scenario)
+    missing = [name for name in draws if name not in leaves]
+    return [Fault("ensemble.draws", name, f"a leaf of the scenario{near(name, leaves)}") for name in missing]
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """A hint after a rule."""
-    found = difflib.get_close_matches(name, list(known), 1, 0.5)
-    return f"; did you mean {found[0]}?" if found else f": {', '.join(known)}"
+    """A hint after a rule: the nearest name that is known, or all of them."""
+    nearest = difflib.get_close_matches(name, list(known), 1, 0.5)
+    return f"; did you mean {nearest[0]}?" if nearest else f": {', '.join(known)}"
 
 
-def beyond_rules(scenario: Any, draws: Mapping[str, Draw]) -> list[agvjax.Fault]:
+def beyond_rules(scenario: Any, draws: Mapping[str, Draw]) -> list[Fault]:
     """Ends of the draws that their leaf may not hold."""
-    found = []
+    wrong, leaves = [], agvjax.leaves(scenario)
     for name, draw in draws.items():
-        nominal = np.asarray(agvjax.leaves(scenario)[name], float)
-        found += ends_beyond_rules(scenario, name, draw.box(nominal), f"ensemble.draws.{name}")
-    return found
+        wrong += ends_beyond_rules(scenario, name, draw.box(np.asarray(leaves[name], float)), f"ensemble.draws.{name}")
+    return wrong
 
 
-def ends_beyond_rules(tree: Any, name: str, ends: Iterable[Any], key: str) -> list[agvjax.Fault]:
+def ends_beyond_rules(tree: Any, name: str, ends: Iterable[Any], key: str) -> list[Fault]:
     """Values that a leaf may not hold."""
-    bad = [p for end in ends for p in agvjax.faults(agvjax.replace(tree, {name: end})) if p.key == name]
-    return [p._replace(key=key) for p in bad]
+    wrong = [fault for end in ends for fault in agvjax.faults(agvjax.replace(tree, {name: end}))]
+    return [fault._replace(key=key) for fault in wrong if fault.key == name]

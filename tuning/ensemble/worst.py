@@ -52,14 +52,12 @@ class Box(NamedTuple):
     @classmethod
     def of(cls, scenario: PyTree, draws: Mapping[str, Draw]) -> Box:
         """The box of an ensemble's draws."""
-        names = tuple(sorted(draws))
-        nominal = [np.asarray(get(scenario, name), float) for name in names]
-        ends = [draws[name].box(value) for name, value in zip(names, nominal, strict=True)]
+        nominal = {name: np.asarray(get(scenario, name), float) for name in sorted(draws)}
+        ends = [draws[name].box(value) for name, value in nominal.items()]
         low, high = (np.concatenate([np.ravel(end[side]) for end in ends]) for side in (0, 1))
-        moves = [np.full(x.size, draws[n].moves) for n, x in zip(names, nominal, strict=True)]
-        return cls(
-            names, tuple(x.shape for x in nominal), low, high, _mix(names, nominal, draws), np.concatenate(moves)
-        )
+        moves = np.concatenate([np.full(x.size, draws[name].moves) for name, x in nominal.items()])
+        shapes = tuple(x.shape for x in nominal.values())
+        return cls(tuple(nominal), shapes, low, high, _mix(nominal, draws), moves)
 
     def leaves(self, shares: Float[Array, "B D"]) -> dict[str, Array]:
         """Leaves of B scenarios."""
@@ -81,11 +79,11 @@ class Box(NamedTuple):
         return 0.5 + np.linalg.solve(self.mix, (places - 0.5).T).T
 
 
-def _mix(names: Sequence[str], nominal: Sequence[np.ndarray], draws: Mapping[str, Draw]) -> np.ndarray:
+def _mix(nominal: Mapping[str, np.ndarray], draws: Mapping[str, Draw]) -> np.ndarray:
     """The rows of the Cholesky factor of leaves that are drawn together, numbers all; unit rows of the others."""
-    first = dict(zip(names, np.cumsum([0, *(x.size for x in nominal)]), strict=False))
-    mix = np.eye(sum(x.size for x in nominal))
-    for name in names:
+    sizes = [x.size for x in nominal.values()]
+    first, mix = dict(zip(nominal, np.cumsum([0, *sizes]), strict=False)), np.eye(sum(sizes))
+    for name in nominal:
         partners = draws[name].partners(name)
         if len(partners) > 1:
             mix[first[name], [first[leaf] for leaf in partners]] = list(partners.values())
@@ -110,16 +108,12 @@ class Adversary:
         """Where to look."""
         return Box.of(self.scenario, self.draws)
 
-    def values(self, z: PyTree, shares: Float[Array, "B D"]) -> tuple[Array, Array]:
-        """Metrics of scenarios (M, B), and which runs did not diverge."""
-        return self.rollout(z, self.box.leaves(shares))
-
     def climb(self, z: PyTree, shares: Float[Array, "B D"]) -> tuple[Array, Array, Array]:
         """Values, ok and slopes (D, M, B) along every side of the box."""
 
         def along(side: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
             change = jnp.broadcast_to(side, shares.shape)
-            return jax.jvp(lambda s: self.values(z, s), (shares,), (change,))
+            return jax.jvp(lambda s: self.rollout(z, self.box.leaves(s)), (shares,), (change,))
 
         (values, ok), (slopes, _) = jax.vmap(along, out_axes=((None, None), (0, None)))(
             jnp.eye(self.box.low.size, dtype=shares.dtype)
@@ -149,29 +143,26 @@ class Adversary:
     def search(self, z: PyTree, round_: int = 0) -> list[Found]:
         """The worst scenario of each metric for the gains at z, by samples and ascents; other samples every round."""
         settings, rows = self.settings, [self.names.index(metric) for metric in self.metrics]
+        lanes = np.repeat(np.arange(len(rows)), settings.starts)  # the metric of each ascent
         scouts = self._sampled(SCOUTS + 2 * round_, settings.scouts)
-        seen = self._values(z, scouts)[rows]  # (W, scouts)
-        places = self.box.shares(scouts)
-        first = np.concatenate([_apart(places, value, settings.starts) for value in seen])
-        u = places[first]
-        row = np.repeat(rows, settings.starts)
-        u, best = self._ascend(z, jnp.asarray(u, jnp.result_type(float)), row)
-        leaves = self.box.leaves(jnp.asarray(u))
-        checks = self._sampled(CHECKS + 2 * round_, settings.checks) if settings.checks else None
-        checked = self._values(z, checks)[rows] if checks else None
-        found = []
+        seen, places = self._values(z, scouts)[rows], self.box.shares(scouts)  # (W, scouts), (scouts, D)
+        begin = places[np.concatenate([_apart(places, values, settings.starts) for values in seen])]
+        u, best = self._ascend(z, jnp.asarray(begin, jnp.result_type(float)), np.take(rows, lanes))
+        ends = {name: np.asarray(x) for name, x in self.box.leaves(jnp.asarray(u)).items()}
+        by_metric = np.where(lanes == np.arange(len(rows))[:, None], best, -np.inf)
+        pools = [(by_metric, ends), (seen, scouts)]  # values (W, n) and leaves of n scenarios
+        if settings.checks:
+            checks = self._sampled(CHECKS + 2 * round_, settings.checks)
+            pools.append((self._values(z, checks)[rows], checks))
+        samples = settings.scouts + settings.checks
+        rollouts = samples + settings.starts * settings.iterations * (1 + self.box.low.size)
+        worst = []
         for w, metric in enumerate(self.metrics):
-            own = slice(w * settings.starts, (w + 1) * settings.starts)
-            i = own.start + int(np.argmax(best[own]))
-            value, scenario = float(best[i]), {n: np.asarray(x)[i] for n, x in leaves.items()}
-            for some, many in ((seen, scouts), (checked, checks)):
-                if some is not None and many is not None and some[w].max() > value:
-                    value, j = float(some[w].max()), int(np.argmax(some[w]))
-                    scenario = {n: np.asarray(x)[j] for n, x in many.items()}
-            samples = settings.scouts + settings.checks
-            rollouts = samples + settings.starts * settings.iterations * (1 + self.box.low.size)
-            found.append(Found(metric, value, scenario, settings.starts, samples, rollouts))
-        return found
+            values, leaves = max(pools, key=lambda pool: pool[0][w].max())
+            i = int(np.argmax(values[w]))
+            scenario = {name: x[i] for name, x in leaves.items()}
+            worst.append(Found(metric, float(values[w, i]), scenario, settings.starts, samples, rollouts))
+        return worst
 
     def _sampled(self, part: int, size: int) -> dict[str, np.ndarray]:
         drawn = sample(self.scenario, self.draws, size, self.seed, part)
@@ -215,13 +206,14 @@ def _apart(places: np.ndarray, values: np.ndarray, count: int) -> list[int]:
 
 
 def statement(found: Sequence[Found]) -> list[str]:
-    """What may be said in the end."""
+    """What may be said in the end, a sentence for each metric."""
+    searched = "No scenario in this box was found with {} above {:.5g}, by {} searches and {} samples."
+    diverged = "A scenario in this box was found that diverges ({})."
     return [
-        f"No scenario in this box was found with {f.metric} above {f.value:.5g}, by {f.searches} searches and"
-        f" {f.samples} samples."
-        if np.isfinite(f.value)
-        else f"A scenario in this box was found that diverges ({f.metric})."
-        for f in found
+        searched.format(worst.metric, worst.value, worst.searches, worst.samples)
+        if np.isfinite(worst.value)
+        else diverged.format(worst.metric)
+        for worst in found
     ]
 
 
@@ -230,7 +222,7 @@ def batch_of(batch: agvjax.Batch, added: Mapping[str, np.ndarray], slots: int) -
     count = len(next(iter(added.values()))) if added else 0
     values = {}
     for name, value in batch.values.items():
-        own = np.asarray(value)
-        extra = np.asarray(added[name], own.dtype) if count else own[:0]
-        values[name] = np.concatenate([own, extra, np.repeat(own[:1], slots - count, axis=0)])
+        drawn = np.asarray(value)
+        more = np.asarray(added[name], drawn.dtype) if count else drawn[:0]
+        values[name] = np.concatenate([drawn, more, np.repeat(drawn[:1], slots - count, axis=0)])
     return agvjax.batch(batch.scenario, values)

@@ -17,7 +17,7 @@ from agvjax.leaves import leaves, rule_of, unit_of
 
 from .. import config as configuration
 from ..config.settings import Config
-from ..io.files import Json
+from ..io.files import Json, finite
 
 UNSTATED = "not stated: no config.toml beside the gains"
 
@@ -76,15 +76,9 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
 
 
 def _gain(controller: Sampled, name: str, value: PyTree) -> Json:
-    rule = rule_of(controller, name)
-    low, high = (-np.inf, np.inf) if rule is None else (rule.low, rule.high)
-    return {
-        "value": np.asarray(value, float).tolist(),
-        "unit": unit_of(controller, name),
-        "rule": "" if rule is None else rule.text,
-        "low": float(low) if np.isfinite(low) else None,
-        "high": float(high) if np.isfinite(high) else None,
-    }
+    rule, number = rule_of(controller, name), np.asarray(value, float).tolist()
+    text, low, high = ("", None, None) if rule is None else (rule.text, float(rule.low), float(rule.high))
+    return {"value": number, "unit": unit_of(controller, name), "rule": text, "low": low, "high": high}
 
 
 def _uncertainty(config: Config) -> Json:
@@ -94,10 +88,9 @@ def _uncertainty(config: Config) -> Json:
     return {"nominal": scenario, "ensemble": table["ensemble"]}
 
 
-def finite(value: PyTree) -> PyTree:
-    """Plain data without infinities and NaN, which JSON and Python literals cannot say."""
-    if isinstance(value, dict):
-        return {key: finite(x) for key, x in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(x) for x in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+def filled(template: Path, parts: dict[str, str]) -> str:
+    """The text of a template with each @KEY@ replaced by the part of that key."""
+    text = template.read_text(encoding="utf-8")
+    for key, value in parts.items():
+        text = text.replace(f"@{key}@", value)
+    return text

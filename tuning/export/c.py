@@ -13,9 +13,9 @@ from jaxtyping import PyTree
 from agvjax import Fault, InputError
 
 from . import program
-from .artefact import Artefact
+from .artefact import Artefact, filled
 from .expressions import FUNCTIONS, Language, expression, text
-from .program import Field, Operand, Program
+from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
@@ -27,6 +27,7 @@ RESERVED = frozenset(
 )
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
+LIMITED = "    int limited; /* whether the law kept something back */"
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
@@ -40,33 +41,34 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         raise InputError([Fault("--name", name, rule)])
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     header, rows = table(artefact.controller, step)
-    inputs = [f"output.{_place(f, i)}" for f in step.results["inputs"] for i in np.ndindex(f.shape)]
-    compared = [f"        got[i++] = (double){place};" for place in inputs]
+    period, facts = float(artefact.controller.period), artefact.provenance
+    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    used = {o.primitive for o in (*step.operations, *start.operations)}
+    functions = {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
+    gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
-        "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}, one period of"
-        f" {float(artefact.controller.period):g} s at a time.",
-        "PERIOD": f"{float(artefact.controller.period):g}",
+        "TITLE": f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.",
+        "PERIOD": f"{period:g}",
+        "EXACT_PERIOD": _double(period),
         "ROWS": str(len(rows)),
-        "FIRST": inputs[0].removeprefix("output."),
-        "COMPARED": "\n".join(compared),
+        "FIRST": inputs[0],
+        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "STRUCTS": _structs(artefact, step, name),
+        "FUNCTIONS": ", ".join(sorted(functions)),
+        "GAINS": "\n".join(gains),
+        "HASH": facts["configuration_sha256"],
+        "START": _body(start, name),
+        "STEP": _body(step, name),
+        "PROVENANCE": json.dumps(facts, indent=2).replace("*/", "* /"),
     }
-    texts = {"main.c": "main.c.txt", "Makefile": "Makefile.txt", "README.md": "README.md.txt"}
-    made = {file: _filled(template, parts) for file, template in texts.items()}
-    return made | {
-        f"{name}.h": _header(artefact, step, name),
-        f"{name}.c": _source(artefact, step, start, name),
+    texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
+    texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
+    return {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()} | {
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
-
-
-def _filled(template: str, parts: dict[str, str]) -> str:
-    made = (TEMPLATES / template).read_text(encoding="utf-8")
-    for key, value in parts.items():
-        made = made.replace(f"@{key}@", value)
-    return made
 
 
 def _language(name: str) -> Language:
@@ -87,10 +89,6 @@ def _double(x: float) -> str:
     return repr(float(x))
 
 
-def _place(field: Field, index: Sequence[int]) -> str:
-    return field.member + "".join(f"[{i}]" for i in index)
-
-
 def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
     real = f"{name.rpartition('_')[0]}_real"
     lines = []
@@ -106,95 +104,17 @@ UNITS = {"position": "m, of the reference point", "velocity": "m/s, of the refer
 UNITS |= {"yaw_rate": "rad/s", "acceleration": "m/s^2", "heading_rate": "rad/s", "steering_angle": "rad"}
 
 
-# long: one template
-def _header(artefact: Artefact, step: Program, name: str) -> str:
+def _structs(artefact: Artefact, step: Program, name: str) -> str:
     facts = artefact.provenance["gains"]
-    notes = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
+    gains = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
     structs = [
-        _struct(f"{name}_gains", step.arguments["gains"], notes),
+        _struct(f"{name}_gains", step.arguments["gains"], gains),
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
-        _output(step, name),
+        _struct(f"{name}_output", step.results["inputs"], {}, [LIMITED]),
     ]
-    told = json.dumps(artefact.provenance, indent=2).replace("*/", "* /")
-    given = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
-    return f"""/*
-{told}
-*/
-#ifndef {name.upper()}_H
-#define {name.upper()}_H
-
-#ifdef {name.upper()}_FLOAT
-typedef float {name}_real;
-#else
-typedef double {name}_real;
-#endif
-
-#define {name.upper()}_PERIOD {_double(float(artefact.controller.period))} /* s */
-
-{chr(10).join(f"{text}{chr(10)}" for text in structs)}
-/* The tuned gains. */
-extern const {name}_gains {name}_tuned;
-
-/* SHA-256 of the configuration that they were tuned by. */
-extern const char {name}_configuration[65];
-
-/* The state of a law that starts now. */
-void {name}_start({given}
-    const {name}_reference *reference);
-
-/* One period: what to ask of the actuators, to be held until the next; the state goes on. */
-void {name}_step({given}
-    const {name}_reference *reference, {name}_output *output);
-
-#endif
-"""
-
-
-def _output(step: Program, name: str) -> str:
-    more = ["    int limited; /* whether the law kept something back */"]
-    fields = [*step.results["inputs"]]
-    lines = [f"    {name}_real {f.member}{''.join(f'[{n}]' for n in f.shape)};" for f in fields]
-    return "typedef struct {\n" + "\n".join([*lines, *more]) + f"\n}} {name}_output;"
-
-
-def _source(artefact: Artefact, step: Program, start: Program, name: str) -> str:
-    gains = {key: fact["value"] for key, fact in artefact.provenance["gains"].items()}
-    values = [f"    {_initial(gains[f.name], name)}, /* {f.name} */" for f in step.arguments["gains"]]
-    used = {o.primitive for o in (*step.operations, *start.operations)}
-    functions = sorted({FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set()))
-    given = f"const {name}_gains *gains, {name}_state *state, const {name}_measurement *measurement,"
-    return f"""#include "{name}.h"
-
-#include <math.h>
-
-#define {name.upper()}_R(x) (({name}_real)(x))
-#ifdef {name.upper()}_FLOAT
-#define {name.upper()}_M(function) function##f
-#else
-#define {name.upper()}_M(function) function
-#endif
-/* of math.h: {", ".join(functions)} */
-
-const {name}_gains {name}_tuned = {{
-{chr(10).join(values)}
-}};
-
-const char {name}_configuration[65] = "{artefact.provenance["configuration_sha256"]}";
-
-void {name}_start({given}
-    const {name}_reference *reference)
-{{
-{_body(start, name, start.results["state"], ())}
-}}
-
-void {name}_step({given}
-    const {name}_reference *reference, {name}_output *output)
-{{
-{_body(step, name, step.results["state"], step.results["inputs"], step.results["limited"][0].variables[0])}
-}}
-"""
+    return "\n\n".join(structs)
 
 
 def _initial(value: PyTree, name: str) -> str:
@@ -204,42 +124,30 @@ def _initial(value: PyTree, name: str) -> str:
     return f"{name.upper()}_R({_double(value)})"
 
 
-def _body(
-    program: Program, name: str, state: Sequence[Field], inputs: Sequence[Field], limited: Operand | None = None
-) -> str:
-    language, real = _language(name), f"{name}_real"
-
-    read = {v for operation in program.operations for v in operation.inputs} | {limited}
-    read |= {v for field in (*state, *inputs) for v in field.variables}
-    lines, idle = [], []
+def _body(program: Program, name: str) -> str:
+    language, real, read = _language(name), f"{name}_real", program.read
+    declared, idle = [], []
     for group in GROUPS:
         fields = program.arguments.get(group, ())
-        own = [
-            f"const {real} {v} = {group}->{_place(field, index)};"
-            for field in fields
-            for index, v in zip(np.ndindex(field.shape), field.variables, strict=True)
-            if v in read
-        ]
-        lines += own
-        idle += [] if own or group == "state" else [f"(void){group};"]
+        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
+        declared += [f"const {real} {v} = {group}->{member};" for member, v in used]
+        idle += [] if used or group == "state" else [f"(void){group};"]
     for operation in program.operations:
         kind = "int" if operation.flag else real
-        lines.append(f"const {kind} {operation.name} = {expression(operation, language)};")
-    for target, fields in (("state", state), ("output", inputs)):
-        for field in fields:
-            for index, v in zip(np.ndindex(field.shape), field.variables, strict=True):
-                lines.append(f"{target}->{_place(field, index)} = {text(v, language)};")
-    if not state:
-        lines.append(f"state->{EMPTY} = {language.number(0.0)};")
-    if limited is not None:
-        lines.append(f"output->limited = {text(limited, language)};")
-    declared = [line for line in lines if line.startswith("const ")]
-    rest = [line for line in lines if not line.startswith("const ")]
-    return "\n".join(f"    {line}" for line in (*declared, *idle, *rest))
+        declared.append(f"const {kind} {operation.name} = {expression(operation, language)};")
+    targets = {"state": "state", "inputs": "output", "empty": "state", "limited": "output"}
+    empty = {} if program.results["state"] else {"empty": (Field(EMPTY, (), (0.0,)),)}
+    results = [
+        f"{target}->{field.member}{place} = {text(value, language)};"
+        for group, target in targets.items()
+        for field in (program.results | empty).get(group, ())
+        for place, value in field.elements
+    ]
+    return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
 
 
 def _vectors(step: Program, rows: np.ndarray) -> str:
-    """The table for main.c."""
+    """`vectors.h`: the rows of the self-test, with their number and the sizes of their parts."""
     counts = {group.upper(): sum(len(f.variables) for f in step.arguments[group]) for group in GROUPS[1:]}
     counts["RESULTS"] = counts["STATE"] + sum(len(f.variables) for f in step.results["inputs"])
     lines = ["    {" + ", ".join(map(_double, row)) + "}," for row in rows.tolist()]

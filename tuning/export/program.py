@@ -25,7 +25,7 @@ Operand = str | float | bool
 
 
 class Operation(NamedTuple):
-    """name = primitive(inputs)."""
+    """One scalar operation: name = primitive(inputs)."""
 
     name: str
     primitive: str
@@ -46,6 +46,12 @@ class Field(NamedTuple):
         """Its name in C."""
         return self.name.replace(".", "_")
 
+    @property
+    def elements(self) -> list[tuple[str, Operand]]:
+        """What follows the name of the array for each element, as [0][1], nothing for a number; and its variable."""
+        places = ("".join(f"[{i}]" for i in index) for index in np.ndindex(self.shape))
+        return list(zip(places, self.variables, strict=True))
+
 
 class Program(NamedTuple):
     """Arguments, operations in order, and results; groups of fields by what they are."""
@@ -53,6 +59,12 @@ class Program(NamedTuple):
     arguments: dict[str, tuple[Field, ...]]
     operations: tuple[Operation, ...]
     results: dict[str, tuple[Field, ...]]
+
+    @property
+    def read(self) -> set[Operand]:
+        """What operations and results take."""
+        taken = {v for operation in self.operations for v in operation.inputs}
+        return taken | {v for fields in self.results.values() for field in fields for v in field.variables}
 
 
 def examples(controller: Sampled) -> tuple[PyTree, Measurement, Reference]:
@@ -93,34 +105,27 @@ def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
         name, atoms = equation.primitive.name, (*equation.invars, *equation.outvars)
         if name not in GATHERED | INLINED and any(v.aval.shape for v in atoms):
             raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
-    fields, names = {}, {}
-    variables = iter(closed.jaxpr.invars)
-    for group, tree in zip(arguments, trees, strict=True):
-        fields[group] = tuple(_field(group, path, leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(tree))
-        for field in fields[group]:
-            names |= {next(variables): name for name in field.variables}
-    assert next(variables, None) is None
-    known: dict[PyTree, Operand] = dict(names)
-    known |= {v: _constant(c) for v, c in zip(closed.jaxpr.constvars, closed.consts, strict=True)}
+    fields = {group: _fields(group, tree) for group, tree in zip(arguments, trees, strict=True)}
+    names = [name for group in fields.values() for field in group for name in field.variables]
+    values: dict[PyTree, Operand] = dict(zip(closed.jaxpr.invars, names, strict=True))
+    values |= zip(closed.jaxpr.constvars, map(_constant, closed.consts), strict=True)
     writer = _Writer()
-    outputs = iter(writer.run(closed.jaxpr, known))
-    shapes = jax.eval_shape(function, *trees)
-    results = {}
-    for group, tree in shapes.items():
-        own = []
-        for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-            field = _field(group, path, leaf)
-            own.append(field._replace(variables=tuple(next(outputs) for _ in field.variables)))
-        results[group] = tuple(own)
+    outputs = iter(writer.run(closed.jaxpr, values))
+    results = {
+        group: tuple(f._replace(variables=tuple(next(outputs) for _ in f.variables)) for f in _fields(group, tree))
+        for group, tree in jax.eval_shape(function, *trees).items()
+    }
     return Program(fields, writer.used(results), results)
 
 
-def _field(group: str, path: PyTree, leaf: PyTree) -> Field:
-    """A leaf, its elements named after it."""
-    name = ".".join(str(getattr(key, "name", getattr(key, "key", getattr(key, "idx", key)))) for key in path)
-    stem, shape = f"{group[0]}_{name.replace('.', '_')}", tuple(np.shape(leaf))
-    places = [stem + "".join(f"_{i}" for i in index) for index in np.ndindex(shape)]
-    return Field(name, shape, tuple(places))
+def _fields(group: str, tree: PyTree) -> tuple[Field, ...]:
+    """The leaves of a tree, their elements named after them."""
+    fields = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        name, shape = jax.tree_util.keystr(path, simple=True, separator="."), tuple(np.shape(leaf))
+        places = ("".join(f"_{i}" for i in index) for index in np.ndindex(shape))
+        fields.append(Field(name, shape, tuple(f"{group[0]}_{name.replace('.', '_')}{place}" for place in places)))
+    return tuple(fields)
 
 
 def _constant(value: PyTree) -> Operand:
@@ -135,11 +140,11 @@ class _Writer:
         self.operations: list[Operation] = []
         self.seen: dict[PyTree, str] = {}
 
-    def run(self, jaxpr: core.Jaxpr, known: dict[PyTree, Operand]) -> list[Operand]:
+    def run(self, jaxpr: core.Jaxpr, values: dict[PyTree, Operand]) -> list[Operand]:
         """All equations of a jaxpr on scalars, calls inlined; its results."""
 
         def read(atom: core.Var | core.Literal) -> Operand:
-            return _constant(atom.val) if isinstance(atom, core.Literal) else known[atom]
+            return _constant(atom.val) if isinstance(atom, core.Literal) else values[atom]
 
         for equation in jaxpr.eqns:
             name, inputs = equation.primitive.name, [read(v) for v in equation.invars]
@@ -147,11 +152,11 @@ class _Writer:
                 inner: PyTree = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
                 consts = dict(zip(inner.jaxpr.constvars, map(_constant, inner.consts), strict=True))
                 outputs = self.run(inner.jaxpr, consts | dict(zip(inner.jaxpr.invars, inputs, strict=True)))
-                known |= zip(equation.outvars, outputs, strict=True)
+                values |= zip(equation.outvars, outputs, strict=True)
             elif name in SAME:
-                known |= zip(equation.outvars, inputs, strict=True)
+                values |= zip(equation.outvars, inputs, strict=True)
             else:
-                known[equation.outvars[0]] = self.write(equation, name, inputs)
+                values[equation.outvars[0]] = self.write(equation, name, inputs)
         return [read(v) for v in jaxpr.outvars]
 
     def write(self, equation: core.JaxprEqn, name: str, inputs: list[Operand]) -> Operand:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import re
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -15,15 +13,15 @@ from jaxtyping import PyTree
 
 import agvjax
 from agvjax import leaves
-from agvjax.leaves import get
+from agvjax.leaves import metadata_of
 
 from ..io.files import Json
 from . import numpy as numpy_file
-from .artefact import Artefact
+from .artefact import Artefact, filled
 from .ros2_node.vehicles import VEHICLES
 
 TEMPLATES = Path(__file__).with_name("ros2_node")
-PLAIN = ("reference", "odometry", "vehicles", "parameters", "following")  # modules that are the same for every law
+PLAIN = ("reference.py", "odometry.py", "vehicles.py", "parameters.py", "following.py")  # the same for every law
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
 INTEGRATED = """The law asks for {}, a robot takes velocities:
@@ -57,42 +55,34 @@ class Dumper(yaml.SafeDumper):
 Dumper.add_representer(list, lambda dumper, x: dumper.represent_sequence("tag:yaml.org,2002:seq", x, flow_style=True))
 
 
-class Own(NamedTuple):
-    """A parameter of the node itself."""
-
-    default: float | str | bool
-    unit: str
-    text: str
-    validation: dict[str, list[PyTree]] = {}
-    read_only: bool = False
-
-
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
-    """The package by relative paths; `name` is that of package and node.
+    """The package by relative paths: node, law, parameters with bounds, launch file, README.
+
+    `name` is that of package and node.
 
     Raises:
         agvjax.InputError: the name is none of a package, or the vehicle takes no velocity.
     """
-    inputs = _inputs(artefact, name)
-    specification = parameters(artefact)
+    inputs, specification = _inputs(artefact, name), parameters(artefact)
     values = {key: table["default_value"] for key, table in specification.items()}
     origin = {key: fact for key, fact in artefact.provenance.items() if key != "gains"}
     substitutes = {
         "NAME": name,
         "VERSION": _version(artefact),
-        "PERIOD": f"{_value(artefact, 'period'):g}",
+        "PERIOD": f"{float(artefact.controller.period):g}",
         "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
     }
-    controller = next(text for file, text in numpy_file.files(artefact).items() if file.endswith(".py"))
-    made = {file: _filled(template, substitutes) for file, template in _texts(name).items()}
-    made |= {f"{name}/{plain}.py": (TEMPLATES / f"{plain}.py").read_text(encoding="utf-8") for plain in PLAIN}
-    return made | {
+    templates = {"launch.py": f"launch/{name}.launch.py", "node.py": f"{name}/node.py"}  # those that move
+    templates = {file: file for file in ("package.xml", "setup.py", "setup.cfg", "README.md")} | templates
+    texts = {path: filled(TEMPLATES / f"{file}.txt", substitutes) for file, path in templates.items()}
+    texts |= {f"{name}/{file}": (TEMPLATES / file).read_text(encoding="utf-8") for file in PLAIN}
+    return texts | {
         f"resource/{name}": "",
         f"{name}/__init__.py": f'"""Drives along a path by a control law: {artefact.provenance["generator"]}."""\n',
-        f"{name}/controller.py": controller if isinstance(controller, str) else controller.decode(),
+        f"{name}/controller.py": numpy_file.files(artefact)[f"{numpy_file.NAME}.py"],
         f"{name}/parameters.yaml": _yaml({name: _nested(specification)}),
         "config/params.yaml": _yaml({"/**": {"ros__parameters": _nested(values)}}),
     }
@@ -107,29 +97,11 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
     """Every parameter of the node by its dotted name, as generate_parameter_library states one."""
     highest = {name: float(x) for name, x in artefact.controller.upper_bounds(_stable).items()}
     law = {f"controller.{name}": _gain(artefact, name, highest.get(name)) for name in artefact.provenance["gains"]}
-    return {name: _own(own) for name, own in _node(artefact).items()} | law
-
-
-def _texts(name: str) -> dict[str, str]:
-    return {
-        "package.xml": "package.xml.txt",
-        "setup.py": "setup.py.txt",
-        "setup.cfg": "setup.cfg.txt",
-        "README.md": "README.md.txt",
-        f"launch/{name}.launch.py": "launch.py.txt",
-        f"{name}/node.py": "node.py.txt",
-    }
-
-
-def _filled(template: str, substitutes: dict[str, str]) -> str:
-    text = (TEMPLATES / template).read_text(encoding="utf-8")
-    for key, value in substitutes.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    return _node(artefact) | law
 
 
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
-    """Those of the vehicle, if a velocity can be made of them."""
+    """The inputs of the vehicle, if a velocity can be made of them; `InputError` otherwise, or for a bad name."""
     faults, inputs = [], tuple(artefact.provenance["inputs"])
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
         rule = "lower-case letters, digits and single underscores, a letter first: the name of a ROS 2 package"
@@ -150,37 +122,32 @@ def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
 def _gain(artefact: Artefact, name: str, highest: float | None) -> Json:
     """A leaf of the controller; period and vehicle must not change while it runs."""
     facts = artefact.provenance["gains"][name]
-    value = _value(artefact, name)
-    fixed = name == "period" or name.startswith("vehicle.")
-    holder = get(artefact.controller, name.rpartition(".")[0]) if "." in name else artefact.controller
-    metadata = {f.name: f.metadata for f in dataclasses.fields(holder)} if dataclasses.is_dataclass(holder) else {}
-    source = metadata.get(name.rpartition(".")[2], {}).get("source", "")
-    words = [f"unit {facts['unit'] or '1'}", source, str(facts["rule"] or "")]
-    told = f"{name} of {type(artefact.controller.inner).__name__}" if name.startswith("inner.") else name
-    table: Json = {
-        "type": "double_array" if isinstance(value, list) else "double",
-        "default_value": value,
-        "description": f"{told}: {', '.join(filter(None, words))}",
-    }
+    value = facts["value"]
+    if np.ndim(value) > 1:
+        raise ValueError(f"{name} has shape {np.shape(value)}, and a parameter of ROS 2 is a number or a list of them")
+    words = [f"unit {facts['unit'] or '1'}", metadata_of(artefact.controller, name).get("source", ""), facts["rule"]]
+    title = f"{name} of {type(artefact.controller.inner).__name__}" if name.startswith("inner.") else name
     rule = {"bounds<>": [value, value]} if name == "period" else _validation(facts, value, highest)
-    return table | ({"read_only": True} if fixed else {}) | ({"validation": rule} if rule else {})
+    fixed = name == "period" or name.startswith("vehicle.")
+    return _table(value, f"{title}: {', '.join(filter(None, words))}", rule, fixed)
+
+
+def _table(default: PyTree, description: str, validation: dict[str, list[PyTree]], read_only: bool) -> Json:
+    """A parameter as generate_parameter_library states it."""
+    kind = {float: "double", list: "double_array", str: "string", bool: "bool"}[type(default)]
+    table: Json = {"type": kind, "default_value": default, "description": description}
+    return table | ({"read_only": True} if read_only else {}) | ({"validation": validation} if validation else {})
 
 
 def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, list[PyTree]]:
     """The rule beside a leaf, and what a period can hold, unless the tuned value is beyond that already."""
-    low, high = (None if end is None or not math.isfinite(end) else float(end) for end in (facts["low"], facts["high"]))
-    rule = str(facts["rule"] or "")
-    open_low, open_high = ">=" not in rule, "<=" not in rule
+    low, high = facts["low"], facts["high"]
+    open_low, open_high = ">=" not in facts["rule"], "<=" not in facts["rule"]
     if isinstance(value, list):
-        rules = {"fixed_size<>": [len(value)]}
-        ends = [None if low is None else low + LEAST * open_low, None if high is None else high - LEAST * open_high]
-        if None not in ends:
-            return rules | {"element_bounds<>": ends}
-        return rules | {
-            f"{side}_element_bounds<>": [end]
-            for side, end in zip(("lower", "upper"), ends, strict=True)
-            if end is not None
-        }
+        ends = {} if low is None else {"lower": low + LEAST * open_low}
+        ends |= {} if high is None else {"upper": high - LEAST * open_high}
+        rules = {f"{side}_element_bounds<>": [end] for side, end in ends.items()}
+        return {"fixed_size<>": [len(value)]} | (rules if len(ends) < 2 else {"element_bounds<>": [*ends.values()]})
     if highest is not None and value <= highest and (high is None or highest < high):
         high, open_high = highest, False
     if low is not None and high is not None and not (open_low or open_high):
@@ -189,64 +156,46 @@ def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, 
     return {rule: [end] for rule, end in ends.items() if end is not None}
 
 
-def _own(own: Own) -> Json:
-    kind = {float: "double", str: "string", bool: "bool"}[type(own.default)]
-    table = {
-        "type": kind,
-        "default_value": own.default,
-        "description": own.text + (f" [{own.unit}]" if own.unit else ""),
-    }
-    return (
-        table
-        | ({"read_only": True} if own.read_only else {})
-        | ({"validation": own.validation} if own.validation else {})
-    )
-
-
-def _node(artefact: Artefact) -> dict[str, Own]:
+def _node(artefact: Artefact) -> dict[str, Json]:
     """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
-    period, vehicle = _value(artefact, "period"), leaves(artefact.controller.vehicle)
-    car = "steering_rate" in artefact.provenance["inputs"]
-    slow = float(vehicle["slowest"]) if car else 0.2  # m/s, on which the other speeds are measured
-    most = (
-        2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(artefact.controller.vehicle.lever() or 0.0)
-        if car
-        else 1.5
-    )
-    above, least = {"gt<>": [0.0]}, {"gt_eq<>": [0.0]}
+    law, car = artefact.controller, "steering_rate" in artefact.provenance["inputs"]
+    slow, ramp, turn = 0.2, 0.3, 1.5  # m/s, on which the other speeds are measured; m/s^2; rad/s
+    if car:
+        vehicle = leaves(law.vehicle)
+        slow = ramp = float(vehicle["slowest"])
+        turn = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(law.vehicle.lever() or 0.0)
+    rows = {  # default, unit, what must hold, text
+        "speed": (2 * slow, "m/s", "gt", "Speed along a path without stamps"),
+        "acceleration": (ramp, "m/s^2", "gt", "Peak acceleration of the ramps from rest and to rest"),
+        "spacing": (slow / 2, "m", "gt_eq", "Poses nearer than this to the one before are left out"),
+        "max_speed": (6 * slow, "m/s", "gt", "Largest speed commanded"),
+        "max_reverse_speed": (slow / 2, "m/s", "gt_eq", "Largest speed backwards commanded, 0 for none"),
+        "max_yaw_rate": (round(turn, 2), "rad/s", "gt", "Largest yaw rate commanded, and planned along bends"),
+        "max_speed_lead": (1.5 * slow, "m/s", "gt", "How far a commanded speed may be from the measured one"),
+        "max_yaw_rate_lead": (1.0, "rad/s", "gt", "How far a commanded yaw rate may be from the measured one"),
+        "max_error": (5 * slow, "m", "gt", "Distance from the reference at which the path is given up"),
+        "goal_tolerance": (slow / 10, "m", "gt", "Distance from the end at which the path is finished"),
+        "settling_time": (2.0, "s", "gt_eq", "Time after the end of the path at which it is finished anyway"),
+        "timeout": (
+            max(0.2, 3 * float(law.period)), "s", "gt",
+            "Age of the newest odometry from which on the vehicle is stopped",
+        ),
+    }  # fmt: skip
+    frame = "Frame of odometry and path; messages in another are refused"
+    stamps = "Whether stamps of poses that increase say how fast the path is driven"
     return {
-        "frame": Own(
-            "odom", "", "Frame of odometry and path; messages in another are refused", {"not_empty<>": []}, True
-        ),
-        "use_stamps": Own(True, "", "Whether stamps of poses that increase say how fast the path is driven"),
-        "speed": Own(2 * slow, "m/s", "Speed along a path without stamps", above),
-        "acceleration": Own(
-            slow if car else 0.3, "m/s^2", "Peak acceleration of the ramps from rest and to rest", above
-        ),
-        "spacing": Own(slow / 2, "m", "Poses nearer than this to the one before are left out", least),
-        "max_speed": Own(6 * slow, "m/s", "Largest speed commanded", above),
-        "max_reverse_speed": Own(slow / 2, "m/s", "Largest speed backwards commanded, 0 for none", least),
-        "max_yaw_rate": Own(round(most, 2), "rad/s", "Largest yaw rate commanded, and planned along bends", above),
-        "max_speed_lead": Own(1.5 * slow, "m/s", "How far a commanded speed may be from the measured one", above),
-        "max_yaw_rate_lead": Own(1.0, "rad/s", "How far a commanded yaw rate may be from the measured one", above),
-        "max_error": Own(5 * slow, "m", "Distance from the reference at which the path is given up", above),
-        "goal_tolerance": Own(slow / 10, "m", "Distance from the end at which the path is finished", above),
-        "settling_time": Own(2.0, "s", "Time after the end of the path at which it is finished anyway", least),
-        "timeout": Own(
-            max(0.2, 3 * period), "s", "Age of the newest odometry from which on the vehicle is stopped", above
-        ),
+        "frame": _table("odom", frame, {"not_empty<>": []}, read_only=True),
+        "use_stamps": _table(True, stamps, {}, read_only=False),
+    } | {
+        name: _table(default, f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
+        for name, (default, unit, rule, text) in rows.items()
     }
-
-
-def _value(artefact: Artefact, name: str) -> PyTree:
-    value = artefact.provenance["gains"][name]["value"]
-    return [float(part) for part in value] if isinstance(value, (list, tuple)) else float(value)
 
 
 def _version(artefact: Artefact) -> str:
-    """That of the generator, as package.xml takes it: three numbers."""
-    found = re.search(r"\d+\.\d+\.\d+", str(artefact.provenance["generator"]))
-    return found[0] if found else "0.1.0"
+    """The version of the generator, as package.xml takes it: three numbers."""
+    numbers = re.search(r"\d+\.\d+\.\d+", artefact.provenance["generator"])
+    return numbers[0] if numbers else "0.1.0"
 
 
 def _nested(flat: Json) -> Json:

@@ -8,11 +8,10 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from agvjax import Measurement, Reference
-
 from ..io.files import Json
 from . import program
 from .artefact import Artefact
+from .program import Field
 
 NAME = "agv_controller"
 PLATFORMS = ("cpu", "cuda")
@@ -22,13 +21,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     """Serialised module, its text, and what its flat arguments and results are; in double precision."""
     law = artefact.controller
 
-    def step(gains: PyTree, state: PyTree, measurement: Measurement, reference: Reference) -> PyTree:
-        done = gains.step(state, measurement, reference)
-        flat = jax.tree.leaves((done.law, done.command.inputs, done.limited))
-        return tuple(flat)
-
-    def flat(*leaves: PyTree) -> PyTree:
-        return step(*jax.tree.unflatten(treedef, leaves))
+    def flat(*leaves: PyTree) -> PyTree:  # XLA's module has its name
+        gains, *now = jax.tree.unflatten(treedef, leaves)
+        later = gains.step(*now)
+        return tuple(jax.tree.leaves((later.law, later.command.inputs, later.limited)))
 
     leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
     shapes = [jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in leaves]
@@ -47,26 +43,19 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
 
 def signature(artefact: Artefact) -> Json:
     """Names, shapes and units of the module's arguments and results, in their order."""
-    made, facts = program.step(artefact.controller), artefact.provenance["gains"]
+    step, facts = program.step(artefact.controller), artefact.provenance["gains"]
+    units = {("gains", name): fact["unit"] for name, fact in facts.items()}
 
-    def told(group: str, fields: PyTree) -> list[Json]:
+    def entries(groups: dict[str, tuple[Field, ...]]) -> list[Json]:
+        fields = [(group, field) for group, fields in groups.items() for field in fields]
         return [
-            {
-                "group": group,
-                "name": f.name,
-                "shape": list(f.shape),
-                "unit": facts.get(f.name, {}).get("unit", "") if group == "gains" else "",
-            }
-            for f in fields
+            {"group": g, "name": f.name, "shape": [*f.shape], "unit": units.get((g, f.name), "")} for g, f in fields
         ]
 
-    arguments = [entry for group, fields in made.arguments.items() for entry in told(group, fields)]
-    results = [entry for group, fields in made.results.items() for entry in told(group, fields)]
-    values = {name: fact["value"] for name, fact in facts.items()}
     return {
         "dtype": "float64",
-        "arguments": arguments,
-        "results": results,
-        "gains": values,
+        "arguments": entries(step.arguments),
+        "results": entries(step.results),
+        "gains": {name: fact["value"] for name, fact in facts.items()},
         "provenance": artefact.provenance,
     }

@@ -24,47 +24,40 @@ def table(controller: Sampled, step: Program) -> tuple[list[str], np.ndarray]:
     """Names of columns, and rows: state, measurement, reference, later state, inputs, whether limited."""
     if jnp.zeros(()).dtype != jnp.float64:
         raise ValueError("vectors are made in double precision: set jax_enable_x64")
-    names = []
-    for group in ("state", "measurement", "reference"):
-        names += [v for field in step.arguments[group] for v in field.variables]
-    names += [f"later_{v}" for field in step.arguments["state"] for v in field.variables]
-    names += [
-        f"input_{field.member}{i if field.shape else ''}"
-        for field in step.results["inputs"]
-        for i in range(max(1, int(np.prod(field.shape))))
-    ]
-    rows = [row(controller, *given) for given in (*_driven(controller), *_anywhere(controller))]
-    return [str(name) for name in (*names, "limited")], np.array(rows)
+    state, *seen = (step.arguments[group] for group in ("state", "measurement", "reference"))
+    names = [str(v) for fields in (state, *seen) for field in fields for v in field.variables]
+    names += [f"later_{v}" for field in state for v in field.variables]
+    for field in step.results["inputs"]:
+        names += [f"input_{field.member}{i if field.shape else ''}" for i in range(len(field.variables))]
+    rows = [row(controller, *arguments) for arguments in (*_driven(controller), *_anywhere(controller))]
+    return [*names, "limited"], np.array(rows)
 
 
 def row(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> np.ndarray:
-    """One row."""
-    done = _step(controller, state, measurement, reference)
-    parts = (state, measurement, reference, done.law, done.command.inputs, done.limited)
+    """State, measurement, reference, later state, inputs and whether limited of one step, as one flat array."""
+    later = _step(controller, state, measurement, reference)
+    parts = (state, measurement, reference, later.law, later.command.inputs, later.limited)
     return np.concatenate([np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(parts)])
 
 
-_step = jax.jit(lambda controller, *given: controller.step(*given))
+_step = jax.jit(lambda controller, *now: controller.step(*now))
 
 
 def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
     """States on the way of a vehicle that starts beside a circle and goes straight on."""
-    path, found = agvjax.Circle(radius=3.0, omega=0.3), []
+    path, steps = agvjax.Circle(radius=3.0, omega=0.3), []
     state, seen, _ = program.examples(controller)
-    speed = jnp.array([0.0, 0.9])
+    start, speed, heading = jnp.array([2.6, 0.2]), jnp.array([0.0, 0.9]), jnp.asarray(1.5)
     for k in range(DRIVEN):
         t = jnp.asarray(AHEAD * k)
         asked = reference(path, agvjax.Tangent(), t)
-        here = dataclasses.replace(
-            seen, position=jnp.array([2.6, 0.2]) + t * speed, velocity=speed, heading=jnp.asarray(1.5)
-        )
+        here = dataclasses.replace(seen, position=start + t * speed, velocity=speed, heading=heading)
         state = controller.inner.init(here, asked) if k == 0 else state
-        found.append((state, here, asked))
+        steps.append((state, here, asked))
         state = _step(controller, state, here, asked).law
-    return found
+    return steps
 
 
 def _anywhere(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
-    rng = np.random.default_rng(0)
-    given = program.examples(controller)
-    return [jax.tree.map(lambda x: jnp.asarray(WIDE * rng.normal(size=np.shape(x))), given) for _ in range(ANYWHERE)]
+    rng, shapes = np.random.default_rng(0), program.examples(controller)
+    return [jax.tree.map(lambda x: jnp.asarray(WIDE * rng.normal(size=np.shape(x))), shapes) for _ in range(ANYWHERE)]

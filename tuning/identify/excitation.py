@@ -20,7 +20,7 @@ from scipy.stats import qmc
 
 import agvjax
 
-from .fit import SETTLED, first_states, weighed
+from .fit import Search, first_states, information, weighed
 from .log import Log
 from .model import Model, compiled
 from .parameters import Parameter
@@ -75,39 +75,31 @@ class Designer:
         return jax.jit(self.model.predict)
 
     def suggest(self, candidates: int, seed: int, tick: Callable[[str], object] = lambda text: None) -> Drive:
-        """The best of so many candidates."""
-        own = np.array([q.name.startswith("deadzone.") for q in self.parameters])
-        own = own if own.any() else ~own
+        """The best of so many candidates: that after which the deadzones, or else all parameters, are known best."""
+        judged = np.array([q.name.startswith("deadzone.") for q in self.parameters])
+        judged = judged if judged.any() else ~judged
         size = np.maximum(np.abs(self.p), [max(q.floor, 1e-6) for q in self.parameters])
         points = qmc.Sobol(2 * (3 * SINES + 1), rng=seed).random_base2(int(np.ceil(np.log2(max(candidates, 2)))))
         scenario, best, worth = self.model.at(jnp.asarray(self.p)), None, np.inf
         for k, share in enumerate(points[:candidates]):
-            t, inputs = candidate(scenario, self.room, share)
-            log = self.driven(t, inputs)
+            log = self.driven(*candidate(scenario, self.room, share))
             half = self.expected(log)
             path = np.column_stack([log.measured["x"], log.measured["y"]])
             beyond = max(float(np.ptp(path, axis=0).max()) - self.room.extent, 0.0)
-            value = float(np.mean((half / size)[own] ** 2)) if beyond == 0 else FAR * (1 + beyond)
+            value = float(np.mean((half / size)[judged] ** 2)) if beyond == 0 else FAR * (1 + beyond)
             if value < worth:
-                known = dict(zip((q.name for q in self.parameters), half.tolist(), strict=True))
-                best, worth = Drive(t, log.commands, inputs, path, log.measured["heading"], known, candidates), value
+                intervals = dict(zip((q.name for q in self.parameters), half.tolist(), strict=True))
+                heading, worth = log.measured["heading"], value
+                best = Drive(log.t, log.commands, log.inputs, path, heading, intervals, candidates)
             tick(f"drive {k + 1} of {candidates}")
         assert best is not None
         return best
 
     def driven(self, t: np.ndarray, inputs: np.ndarray) -> Log:
         """A drive from rest as the scenario has it: a log without noise."""
-        shape = (t.size, len(self.model.channels))
-        stretch = Segments(
-            t=t,
-            h=np.append(np.diff(t), t[-1] - t[-2]),
-            inputs=inputs,
-            live=np.ones(t.size),
-            seen=np.zeros(shape),
-            weight=np.zeros(shape),
-            rows=np.arange(t.size),
-            log=np.zeros((), int),
-        )
+        steps, nothing = np.append(np.diff(t), t[-1] - t[-2]), np.zeros((t.size, len(self.model.channels)))
+        live, rows, first = np.ones(t.size), np.arange(t.size), np.zeros((), int)
+        stretch = Segments(t, steps, inputs, live, seen=nothing, weight=nothing, rows=rows, log=first)
         still = self.model.start(jnp.array([0.0, 0.0, 0.0, 1e-6, 0.0]))
         seen = np.asarray(self.predict(jnp.asarray(self.p), still, stretch))
         return Log("drive", 0.0, t, inputs, self.model.commands, dict(zip(self.model.channels, seen.T, strict=True)))
@@ -115,13 +107,9 @@ class Designer:
     def expected(self, log: Log) -> np.ndarray:
         """Half of the 95 % interval of each parameter (P,) after a drive."""
         segments = weighed(cut([log], self.length, self.memory, np.inf)[0], self.sigma)
-        states, sums = first_states(self.model, [log], segments), compiled(self.model)
-        for _ in range(SETTLED):
-            states = sums(self.p, states, segments).states
-        found = sums(self.p, states, segments)
-        width = np.array([q.width for q in self.parameters])
-        covariance = inverse(found.matrix.sum(axis=0) + np.diag(width**-2.0))
-        return Z95 * np.sqrt(np.diag(covariance))
+        states = first_states(self.model, [log], segments)
+        sums = Search(compiled(self.model), segments, self.parameters, states).sums(self.p)
+        return Z95 * np.sqrt(np.diag(inverse(information(sums, self.parameters))))
 
 
 def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

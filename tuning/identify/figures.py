@@ -12,10 +12,12 @@ from agvjax import Deadzone
 
 from .excitation import Drive
 from .fit import Fit, Task
+from .log import columns_of
 from .predict import Prediction
 from .verdict import FitVerdict
 
 DRAWN = 300  # deadzones that make a band
+PLANE = {"aspect": "equal", "xlabel": "x [m]", "ylabel": "y [m]"}
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
 
@@ -30,37 +32,33 @@ def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figur
     axes = np.atleast_2d(figure.subplots(2, len(actuators), height_ratios=(3, 1), sharex="col", squeeze=False))
     rng = np.random.default_rng(seed)
     for column, actuator in enumerate(actuators):
-        own = [names.index(f"deadzone.{actuator}.{part}") for part in PARTS]
+        places = [names.index(f"deadzone.{actuator}.{part}") for part in PARTS]
         u = _commands(task, actuator)
-        widest = 4 * max(float(fit.p[own][2:].max()), 1e-3)  # the deadzone and what is next to it
+        widest = 4 * max(float(fit.p[places][2:].max()), 1e-3)  # the deadzone and what is next to it
         grid = np.linspace(max(u.min(), -widest), min(u.max(), widest), 400)
-        spread = np.array([verdict.estimates[i].deviation for i in own])
-        factor = np.linalg.cholesky(verdict.correlation[np.ix_(own, own)] * 0.999 + 0.001 * np.eye(4))
-        drawn = np.maximum(fit.p[own] + rng.standard_normal((DRAWN, 4)) @ (factor.T * spread), 0)
+        spread = np.array([verdict.estimates[i].deviation for i in places])
+        factor = np.linalg.cholesky(verdict.correlation[np.ix_(places, places)] * 0.999 + 0.001 * np.eye(4))
+        drawn = np.maximum(fit.p[places] + rng.standard_normal((DRAWN, 4)) @ (factor.T * spread), 0)
         curves = np.array([_delivered(row, grid) for row in drawn])
         low, high = np.quantile(curves, [0.025, 0.975], axis=0)
         top, bottom = axes[:, column]
-        dead = scenario.deadzone[actuator]
-        assumed = np.array([float(getattr(dead, part)) for part in PARTS])
+        assumed = np.array([float(getattr(scenario.deadzone[actuator], part)) for part in PARTS])
         top.plot(grid, _delivered(assumed, grid), color="0.6", ls="--", label="assumed")
         top.fill_between(grid, low, high, color="C0", alpha=0.3, lw=0, label="95 % band")
-        top.plot(grid, _delivered(fit.p[own], grid), color="C0", label="identified")
-        lost = [
-            part.replace("_", " ") for part, i in zip(PARTS, own, strict=True) if not verdict.estimates[i].identified
-        ]
-        top.set_title(actuator + (f"\nnot identifiable: {', '.join(lost)}" if lost else ""), fontsize="medium")
-        top.set_ylabel("delivered")
+        top.plot(grid, _delivered(fit.p[places], grid), color="C0", label="identified")
+        unknown = [part for part, i in zip(PARTS, places, strict=True) if not verdict.estimates[i].identified]
+        lost = f"\nnot identifiable: {', '.join(unknown).replace('_', ' ')}" if unknown else ""
+        top.set_title(actuator + lost, fontsize="medium")
+        top.set(ylabel="delivered")
         top.legend(fontsize="small")
         bottom.hist(u, bins=80, range=(grid[0], grid[-1]), color="0.5")
-        bottom.set_yscale("log")
-        bottom.set_xlabel("command")
-        bottom.set_ylabel("rows")
+        bottom.set(yscale="log", xlabel="command", ylabel="rows")
     return figure
 
 
 def _commands(task: Task, actuator: str) -> np.ndarray:
-    own = [i for i, c in enumerate(task.model.commands) if c == actuator or c in (f"{actuator}_x", f"{actuator}_y")]
-    return np.concatenate([log.inputs[:, own].ravel() for log in task.logs])
+    columns = columns_of(task.model.commands, actuator)
+    return np.concatenate([log.inputs[:, columns].ravel() for log in task.logs])
 
 
 def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -75,11 +73,10 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
     kept, t = fit.segments.weight > 0, fit.segments.t
     z = np.linspace(-4, 4, 200)
     for c, name in enumerate(channels):
-        own = kept[..., c]
-        left = fit.sums.residual[..., c][own] / fit.sigma[c]
-        axes[c, 0].plot(t[own], left, ".", ms=1.5, color="C0")
-        axes[c, 0].set_ylim(-5, 5)
-        axes[c, 0].set_ylabel(name)
+        counted = kept[..., c]
+        left = fit.sums.residual[..., c][counted] / fit.sigma[c]
+        axes[c, 0].plot(t[counted], left, ".", ms=1.5, color="C0")
+        axes[c, 0].set(ylim=(-5, 5), ylabel=name)
         axes[c, 0].text(
             0.01, 0.86, f"1 = {fit.sigma[c]:.2g}, correlation with the next row {verdict.white[name]:.2f}",
             transform=axes[c, 0].transAxes, fontsize="small", bbox={"color": "white", "alpha": 0.8, "pad": 1},
@@ -98,28 +95,24 @@ def paths(task: Task, fit: Fit) -> Figure:
     x, y = (fit.model.channels.index(name) for name in ("x", "y"))
     for i, (log, axis) in enumerate(zip(task.logs, np.atleast_1d(figure.subplots(1, len(task.logs))), strict=True)):
         axis.plot(log.measured["x"], log.measured["y"], ".", ms=2, color="0.7", label="measured")
-        own = fit.segments.log == i
-        predicted = (fit.segments.seen - fit.sums.residual)[own]
-        for k, row in enumerate(predicted):
-            live = (fit.segments.live[own][k] > 0) & (fit.segments.rows[own][k] >= 0)
-            axis.plot(row[live, x], row[live, y], color="C0" if k % 2 else "C1", lw=1.2)
+        of_log = fit.segments.log == i
+        live = (fit.segments.live > 0) & (fit.segments.rows >= 0)
+        predicted = fit.segments.seen - fit.sums.residual
+        for k, (row, drawn) in enumerate(zip(predicted[of_log], live[of_log], strict=True)):
+            axis.plot(row[drawn, x], row[drawn, y], color="C0" if k % 2 else "C1", lw=1.2)
         axis.set_title(f"{log.name}: stretches of the model in colour", fontsize="medium")
-        axis.set_aspect("equal")
-        axis.set_xlabel("x [m]")
-        axis.set_ylabel("y [m]")
+        axis.set(**PLANE)
     return figure
 
 
-def predictions(found: Sequence[Prediction]) -> Figure:
+def predictions(logs: Sequence[Prediction]) -> Figure:
     """How the error of predictions grows."""
-    figure = Figure(figsize=(5.2 * len(found), 3.4), layout="constrained")
-    for one, axis in zip(found, np.atleast_1d(figure.subplots(1, len(found))), strict=True):
-        axis.plot(one.t.T, 1e3 * one.errors.T, color="C0", lw=0.5, alpha=0.6)
-        axis.set_title(f"{one.log}: {one.windows} windows", fontsize="medium")
-        axis.set_xlabel("s since the prediction began")
-        axis.set_ylabel("recorded to predicted [mm]")
-        axis.set_xlim(0, one.horizon)
-        axis.set_ylim(0)
+    figure = Figure(figsize=(5.2 * len(logs), 3.4), layout="constrained")
+    for prediction, axis in zip(logs, np.atleast_1d(figure.subplots(1, len(logs))), strict=True):
+        axis.plot(prediction.t.T, 1e3 * prediction.errors.T, color="C0", lw=0.5, alpha=0.6)
+        axis.set_title(f"{prediction.log}: {prediction.windows} windows", fontsize="medium")
+        axis.set(xlabel="s since the prediction began", ylabel="recorded to predicted [mm]")
+        axis.set(xlim=(0, prediction.horizon), ylim=(0, None))
     return figure
 
 
@@ -129,14 +122,11 @@ def drive(suggested: Drive) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(2, 1))
     for name, u in zip(suggested.commands, suggested.inputs.T, strict=True):
         left.plot(suggested.t, u, lw=0.8, label=name)
-    left.set_xlabel("t [s]")
-    left.set_ylabel("command")
+    left.set(xlabel="t [s]", ylabel="command")
     left.legend(fontsize="small")
     right.plot(*suggested.path.T, lw=1)
     right.plot(*suggested.path[0], "o", color="C2", label="start")
     right.plot(*suggested.path[-1], "s", color="C3", label="end")
-    right.set_aspect("equal")
-    right.set_xlabel("x [m]")
-    right.set_ylabel("y [m]")
+    right.set(**PLANE)
     right.legend(fontsize="small")
     return figure

@@ -77,20 +77,23 @@ class Search:
         states = self.states
         for _ in range(SETTLED):
             states = self.function(p, states, self.segments).states
-        found = self.function(p, states, self.segments)
+        sums = self.function(p, states, self.segments)
         self.evaluations += 1
-        if found.cost.sum() < self.best:
-            self.best, self.states = float(found.cost.sum()), found.states
-        self.seen = (p.tobytes(), found)
-        return found
+        if sums.cost.sum() < self.best:
+            self.best, self.states = float(sums.cost.sum()), sums.states
+        self.seen = (p.tobytes(), sums)
+        return sums
+
+    def over(self, segments: Segments, states: np.ndarray) -> Search:
+        """The same parameters over other stretches; evaluations are counted on."""
+        return dataclasses.replace(self, segments=segments, states=states, best=np.inf, seen=None)
 
     def triangle(self, p: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and Jacobian of a small problem with the same sums of squares and products as the whole one."""
-        found, width = self.sums(p), np.array([q.width for q in self.parameters])
-        off = (p - np.array([q.nominal for q in self.parameters])) / width
-        H = found.matrix.sum(axis=0) + np.diag(width**-2.0)
-        g = found.slope.sum(axis=0) + off / width
-        H, g, c = H[np.ix_(free, free)], g[free], float(found.cost.sum() + off[free] @ off[free])
+        sums, width = self.sums(p), wanted.widths(self.parameters)
+        off = (p - wanted.values(self.parameters)) / width
+        H, g = information(sums, self.parameters)[np.ix_(free, free)], (sums.slope.sum(axis=0) + off / width)[free]
+        c = float(sums.cost.sum() + off[free] @ off[free])
         scale = np.sqrt(np.diag(H))
         upper = np.linalg.cholesky(H / np.outer(scale, scale)).T
         r = np.linalg.solve(upper.T, g / scale)
@@ -99,8 +102,7 @@ class Search:
 
     def run(self, p: np.ndarray, free: np.ndarray, most: int) -> tuple[np.ndarray, float]:
         """The best p with only the free ones moved, from p on."""
-        own = [q for q, moves in zip(self.parameters, free, strict=True) if moves]
-        low, high = np.array([q.low for q in own]), np.array([q.high for q in own])
+        low, high = np.array([(q.low, q.high) for q in self.parameters])[free].T
 
         def whole(x: np.ndarray) -> np.ndarray:
             full = p.copy()
@@ -114,7 +116,7 @@ class Search:
             first,
             jac=lambda x: self.triangle(whole(x), free)[1],  # pyright: ignore[reportArgumentType]
             bounds=(low, high),
-            x_scale=np.array([q.width for q in own]),
+            x_scale=wanted.widths(self.parameters)[free],
             ftol=1e-9,
             xtol=1e-9,
             gtol=1e-12,
@@ -123,28 +125,33 @@ class Search:
         return whole(done.x), 2 * float(done.cost)
 
 
+def information(sums: Sums, parameters: Sequence[Parameter]) -> np.ndarray:
+    """Gauss and Newton's matrix (P, P) of all stretches, with what is believed without the log."""
+    return sums.matrix.sum(axis=0) + np.diag(wanted.widths(parameters) ** -2.0)
+
+
 def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.ndarray:
     """A guess of every stretch's state (S, n), from straight lines through the first measurements."""
     guesses = []
     for rows, live, which in zip(segments.rows, segments.live, segments.log, strict=True):
         log = logs[which]
-        own = rows[(rows >= 0) & (live > 0)]
-        own = own[log.t[own] < log.t[own[0]] + 0.3]
-        t, line = log.t[own] - log.t[own[0]], []
-        for name in POSE:
-            value = log.measured[name][own]
-            fine = np.isfinite(value)
-            value = np.unwrap(value[fine]) if name == "heading" else value[fine]
-            line.append(
-                np.polyfit(t[fine], value, 1) if fine.sum() > 2 else np.array([0.0, value[0] if value.size else 0.0])
-            )
-        (vx, x), (vy, y), (_, heading) = line
+        early = rows[(rows >= 0) & (live > 0)]
+        early = early[log.t[early] < log.t[early[0]] + 0.3]
+        t = log.t[early] - log.t[early[0]]
+        (vx, x), (vy, y), (_, heading) = (_line(t, log.measured[name][early], name == "heading") for name in POSE)
         guesses.append([x, y, heading, vx, vy])
     return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
 
 
+def _line(t: np.ndarray, value: np.ndarray, angle: bool) -> np.ndarray:
+    """Slope of the straight line through measurements, and its value at t = 0."""
+    fine = np.isfinite(value)
+    value = np.unwrap(value[fine]) if angle else value[fine]
+    return np.polyfit(t[fine], value, 1) if fine.sum() > 2 else np.array([0.0, value[0] if value.size else 0.0])
+
+
 def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
-    """With weights by the variance of every channel."""
+    """The same stretches, each measurement that counts weighed by the variance of its channel."""
     return segments._replace(weight=(segments.weight > 0) / sigma**2)
 
 
@@ -162,14 +169,13 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     search = Search(compiled(model), weighed(task.brief, sigma), parameters, states)
     ends = []
     for i, p in enumerate(_starts(parameters, wavy, starts, seed)):
-        search.best, search.states, search.seen = np.inf, states, None
+        search = search.over(search.segments, states)
         ends.append(search.run(p, ~wavy, TRIALS))
         tick(f"start {i + 1} of {starts}")
     p, cost = min(ends, key=lambda end: end[1])
     _doubt(task, search, cost, states, ~wavy)
-    arrived, evaluations, free = sum(end[1] <= 1.01 * cost for end in ends), search.evaluations, ~wavy
-    states = first_states(model, task.logs, segments)
-    search = Search(search.function, weighed(segments, sigma), parameters, states, evaluations)
+    arrived, free = sum(end[1] <= 1.01 * cost for end in ends), ~wavy
+    search = search.over(weighed(segments, sigma), first_states(model, task.logs, segments))
     p, _ = search.run(p, free, TRIALS)
     for k in range(ROUNDS):
         search = _judged(search, p, outlier)
@@ -179,18 +185,17 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
         tick("refined")
     left = int((segments.weight > 0).sum() - (search.segments.weight > 0).sum())
     counts = task.counts._replace(outliers=task.counts.outliers + left)
-    sums = search.sums(p)
-    found = Fit(parameters, p, free, sums, search.segments, sigma, counts, (arrived, starts), 0, model, {})
+    sums, ended = search.sums(p), (arrived, starts)
+    best = Fit(parameters, p, free, sums, search.segments, sigma, counts, ended, search.evaluations, model, {})
     why = "no frequency in the disturbance explains what is left"
     why = why if task.one_clock else "not looked for, since the logs have no clock in common"
     lost = [name for name, moves in zip(names, free, strict=True) if not moves]
-    gone = {name: why if name == OMEGA else f"{why}; taken as 0" for name in lost}
-    return refitted(found, p, free, gone, search.evaluations)
+    return refitted(best, p, free, {name: why if name == OMEGA else f"{why}; taken as 0" for name in lost})
 
 
 def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np.ndarray) -> None:
-    """Are the commands what they are taken for?"""
-    told, names = int((search.segments.weight > 0).sum()), task.model.commands
+    """Raise `InputError` where another reading of the commands explains a log that they do not explain as given."""
+    measurements, names = int((search.segments.weight > 0).sum()), task.model.commands
     substep = max(log.step for log in task.logs) / task.model.substeps
 
     def fitted(matrix: np.ndarray) -> float:
@@ -198,52 +203,39 @@ def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np
         segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
         parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep)
         p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
-        return float(np.sqrt(Search(search.function, segments, parameters, states).run(p, free, TRIALS)[1] / told))
+        _, squares = Search(search.function, segments, parameters, states).run(p, free, TRIALS)
+        return float(np.sqrt(squares / measurements))
 
-    if wrong := misread(names, task.columns, float(np.sqrt(cost / told)), fitted):
+    if wrong := misread(names, task.columns, float(np.sqrt(cost / measurements)), fitted):
         raise InputError(wrong)
 
 
-def refitted(
-    before: Fit, p: np.ndarray, free: np.ndarray, absent: Mapping[str, str], evaluations: int | None = None
-) -> Fit:
+def refitted(before: Fit, p: np.ndarray, free: np.ndarray, absent: Mapping[str, str]) -> Fit:
     """The fit over the same measurements from p on with other parameters free, channels weighed by what is left."""
-    search = Search(compiled(before.model), before.segments, before.parameters, before.sums.states)
-    search.evaluations = before.evaluations if evaluations is None else evaluations
+    function, states = compiled(before.model), before.sums.states
+    search = Search(function, before.segments, before.parameters, states, before.evaluations)
     p, _ = search.run(p, free, LAST)
     sums = search.sums(p)
     sigma = _spread(sums, before.segments.weight > 0, int(free.sum()))
-    final = Search(search.function, weighed(before.segments, sigma), before.parameters, sums.states)
-    final.evaluations = search.evaluations
-    sums = final.sums(p)
-    return before._replace(
-        p=p,
-        free=free,
-        sums=sums,
-        segments=final.segments,
-        sigma=sigma,
-        evaluations=final.evaluations,
-        absent={**before.absent, **absent},
-    )
+    final = search.over(weighed(before.segments, sigma), sums.states)
+    after = before._replace(p=p, free=free, sums=final.sums(p), segments=final.segments, sigma=sigma)
+    return after._replace(evaluations=final.evaluations, absent={**before.absent, **absent})
 
 
 def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
     """Nominal first, then Sobol points: slopes within three times, thresholds up to a half of the largest command."""
-    p = np.array([q.nominal for q in parameters])
-    p[wavy] = [q.nominal if q.name == OMEGA else 0.0 for q, w in zip(parameters, wavy, strict=True) if w]
+    amplitudes = wavy & np.array([q.name != OMEGA for q in parameters])
+    p = np.where(amplitudes, 0.0, wanted.values(parameters))
     shares = qmc.Sobol(len(p), rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[: count - 1]
-    found = [p]
-    for share in shares:
-        other = p.copy()
-        for i, q in enumerate(parameters):
-            last = q.name.rpartition(".")[2]
-            if last.startswith("threshold_") or last in ("time", "time_constant"):
-                other[i] = q.low + 0.5 * (q.high - q.low) * share[i]
-            elif last.startswith("slope_") or q.name.startswith("plant."):
-                reach = 3.0 if last.startswith("slope_") else 1.5
-                other[i] = np.clip(p[i] * reach ** (2 * share[i] - 1), q.low, q.high)
-        found.append(other)
-    return found
+
+    def moved(q: Parameter, nominal: float, share: float) -> float:
+        last = q.name.rpartition(".")[2]
+        if last.startswith("threshold_") or last in ("time", "time_constant"):
+            return q.low + 0.5 * (q.high - q.low) * share
+        reach = 3.0 if last.startswith("slope_") else 1.5 if q.name.startswith("plant.") else 1.0
+        return float(np.clip(nominal * reach ** (2 * share - 1), q.low, q.high)) if reach > 1 else nominal
+
+    return [p, *(np.array(list(map(moved, parameters, p, share))) for share in shares)]
 
 
 def _spread(sums: Sums, kept: np.ndarray, free: int) -> np.ndarray:
@@ -259,8 +251,7 @@ def _judged(search: Search, p: np.ndarray, outlier: float) -> Search:
     middle = np.array([_usual(np.abs(sums.residual[..., c][kept[..., c]])) for c in range(kept.shape[-1])])
     kept = kept & (np.abs(sums.residual) <= outlier * np.maximum(1.4826 * middle, 1e-9))
     sigma = _spread(sums, kept, len(p))
-    segments = search.segments._replace(weight=kept / sigma**2)
-    return Search(search.function, segments, search.parameters, sums.states, search.evaluations)
+    return search.over(search.segments._replace(weight=kept / sigma**2), sums.states)
 
 
 def _usual(size: np.ndarray) -> float:
@@ -272,27 +263,22 @@ def _usual(size: np.ndarray) -> float:
 def _sinusoid(search: Search, p: np.ndarray, wavy: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """The frequency that explains most, and a fit with it; or none where it explains too little."""
     linear = np.array([w and name.endswith(SINUSOID) for w, name in zip(wavy, names, strict=True)])
-    before = search.run(p, ~wavy, LAST)
-    plain, cost = before
-    at, begins = names.index(OMEGA), search.segments.t[:, 0]
+    plain, cost = search.run(p, ~wavy, LAST)
+    at, begins, rest = names.index(OMEGA), search.segments.t[:, 0], ~wavy
     span, early = search.segments.t.max() - begins.min(), begins < begins.min() + SCANNED
-    some = Search(
-        search.function, Segments(*(x[early] for x in search.segments)), search.parameters, search.states[early]
-    )
-    step = np.pi / min(span, SCANNED)
-    found = []
+    some = search.over(Segments(*(x[early] for x in search.segments)), search.states[early])
+    step, gains = np.pi / min(span, SCANNED), []  # what a frequency lowers the sum of squares by, it, and how large
     for omega in np.arange(step, FASTEST, step):
         q = plain.copy()
         q[at] = omega
         sums = some.sums(q)
         H, g = sums.matrix.sum(axis=0), sums.slope.sum(axis=0)
-        rest = ~wavy
         solved = np.linalg.lstsq(H[np.ix_(rest, rest)], H[np.ix_(rest, linear)], rcond=1e-12)[0]
         A = H[np.ix_(linear, linear)] - H[np.ix_(linear, rest)] @ solved
         b = g[linear] - solved.T @ g[rest]
         push = -np.linalg.lstsq(A, b, rcond=1e-10)[0]
-        found.append((float(-b @ push), omega, push))
-    _, omega, push = max(found, key=lambda row: row[0])
+        gains.append((float(-b @ push), omega, push))
+    _, omega, push = max(gains, key=lambda row: row[0])
     q = plain.copy()
     q[at], q[linear] = omega, push
     search.best = np.inf

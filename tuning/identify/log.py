@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,125 +42,113 @@ class Log(NamedTuple):
 
 def commands_of(plant: agvjax.Plant) -> tuple[str, ...]:
     """The columns of a plant's inputs: the names of its actuators, two for one that takes a vector."""
-    state = plant.start(agvjax.Start())
-    zeros: dict[str, Any] = {name: np.zeros(()) for name in plant.actuators} | (
-        {"position": np.zeros(2)} if plant.feedthrough else {}
-    )
-    seen = plant.output(state, zeros)
+    zeros: dict[str, Any] = dict.fromkeys(plant.actuators, np.zeros(()))
+    zeros |= {"position": np.zeros(2)} if plant.feedthrough else {}
+    seen = plant.output(plant.start(agvjax.Start()), zeros)
     asked = plant.allocate(agvjax.Command(position=jnp.zeros(2), heading=jnp.zeros(())), seen)
-    names = []
-    for name in plant.actuators:
-        names += [name] if np.ndim(asked[name]) == 0 else [f"{name}_x", f"{name}_y"]
-    return tuple(names)
+    columns = [[f"{name}_x", f"{name}_y"] if np.ndim(asked[name]) else [name] for name in plant.actuators]
+    return tuple(itertools.chain(*columns))
 
 
-# long: one check after the other, in the order of the file
-def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], key: str = "LOG.csv") -> Log:
+def columns_of(commands: Sequence[str], actuator: str) -> list[int]:
+    """Where among the names of the inputs those of an actuator are: one, or two for one that takes a vector."""
+    return [i for i, c in enumerate(commands) if c in (actuator, f"{actuator}_x", f"{actuator}_y")]
+
+
+def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column]) -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
 
     Raises:
         agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
     """
     commands = commands_of(plant)
-    known = ("t", *MEASURED, *commands)
-    where = {name: columns.get(name, Column(name)) for name in known}
-    found = [
-        Fault(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(known)}")
-        for name in columns
-        if name not in known
-    ]
-    for name, place in columns.items():
-        kind = KINDS.get(name, "")
-        if place.unit in UNITS and kind and not any(place.unit == u for u in kind.split()):
-            found.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(kind.split())}"))
-        twice = [other for other in columns if other != name and columns[other].column == place.column]
-        if twice:
-            found.append(Fault(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
-        if place.unit and place.unit not in UNITS:
-            found.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(UNITS)}"))
-    if found:
-        raise agvjax.InputError(found)
+    names = ("t", *MEASURED, *commands)
+    if faults := _misnamed(columns, names):
+        raise agvjax.InputError(faults)
+    where = {name: columns.get(name, Column(name)) for name in names}
     needed = [where[name].column for name in ("t", *POSE, *commands)]
-    optional = [where[name].column for name in MEASURED if name not in POSE]
-    missing = [where[name].column for name in columns if name in MEASURED]  # asked for by name, so it must be there
-    blank = [where[name].column for name in MEASURED]
+    asked = [where[name].column for name in columns if name in MEASURED]  # by name, so it must be there
+    measured = [where[name].column for name in MEASURED]  # may be blank, and but for the pose missing
     try:
-        table = read(file, list(dict.fromkeys([*needed, *missing])), optional, LEAST_ROWS, where["t"].column, blank)
+        table = read(
+            file, list(dict.fromkeys([*needed, *asked])), measured[len(POSE) :], LEAST_ROWS, where["t"].column, measured
+        )
     except ValueError as error:
         rule = f"a log: a CSV file with {', '.join(needed)}, or others named in [identify.columns] ({error})"
-        raise agvjax.InputError([Fault(key, str(file), rule)]) from error
+        raise agvjax.InputError([Fault("LOG.csv", str(file), rule)]) from error
     values = {n: table[p.column] * UNITS.get(p.unit, 1.0) * p.factor for n, p in where.items() if p.column in table}
-    measured = {name: values[name] for name in MEASURED if name in values}
-    t = values["t"] - values["t"][0]
-    log = Log(
-        Path(file).name, float(values["t"][0]), t, np.column_stack([values[n] for n in commands]), commands, measured
-    )
-    if wrong := implausible(log, where, not plant.commands_heading):
-        raise agvjax.InputError(wrong)
+    origin, inputs = float(values["t"][0]), np.column_stack([values[name] for name in commands])
+    seen = {name: values[name] for name in MEASURED if name in values}
+    log = Log(Path(file).name, origin, values["t"] - origin, inputs, commands, seen)
+    if faults := implausible(log, where, not plant.commands_heading):
+        raise agvjax.InputError(faults)
     return log
+
+
+def _misnamed(columns: Mapping[str, Column], names: Sequence[str]) -> list[Fault]:
+    """Columns of no such name, of a unit that is none of theirs, or given to two names."""
+    faults = [
+        Fault(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(names)}")
+        for name in columns
+        if name not in names
+    ]
+    for name, place in columns.items():
+        units = KINDS[name].split() if name in KINDS and place.unit in UNITS else UNITS
+        if place.unit and place.unit not in units:
+            faults.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(units)}"))
+        twice = [other for other in columns if other != name and columns[other].column == place.column]
+        if twice:
+            faults.append(Fault(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
+    return faults
 
 
 # long: one reading after the other
 def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Fault]:
     """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
-    found: list[Fault] = []
 
-    def suspect(name: str, looks: str, why: str) -> None:
+    def suspect(name: str, looks: str, why: str) -> Fault:
         column, taken = where[name].column, where[name].unit or "SI"
-        rule = f"in the unit it is taken for: {why}; if it is in {looks}, say"
-        found.append(
-            Fault(
-                f"identify.columns.{name}",
-                f"{column} in {taken}",
-                f'{rule} {{ column = "{column}", unit = "{looks}" }}',
-            )
-        )
+        mended = f'{{ column = "{column}", unit = "{looks}" }}'
+        rule = f"in the unit it is taken for: {why}; if it is in {looks}, say {mended}"
+        return Fault(f"identify.columns.{name}", f"{column} in {taken}", rule)
 
     if log.step >= 1.0:
-        suspect(
-            "t",
-            "ms" if log.step < 1e3 else "us" if log.step < 1e6 else "ns",
-            f"rows are {log.step:g} s apart, too far for a control loop",
-        )
-        return found
+        unit = "ms" if log.step < 1e3 else "us" if log.step < 1e6 else "ns"
+        return [suspect("t", unit, f"rows are {log.step:g} s apart, too far for a control loop")]
     if log.step < 1e-4:
-        suspect("t", "s", f"rows are {log.step:g} s apart, closer than any control loop")
-        return found
-    x, y, heading = (log.measured[name] for name in POSE)
-    rows = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
+        return [suspect("t", "s", f"rows are {log.step:g} s apart, closer than any control loop")]
+    pose = np.column_stack([log.measured[name] for name in POSE])
+    rows = np.isfinite(pose).all(axis=1)
     if rows.sum() < LEAST_ROWS:
-        return [
-            Fault("LOG.csv", log.name, f"a log with at least {LEAST_ROWS} rows of a whole pose; it has {rows.sum()}")
-        ]
-    t, path, heading = log.t[rows], np.column_stack([x, y])[rows], heading[rows]
+        rule = f"a log with at least {LEAST_ROWS} rows of a whole pose; it has {rows.sum()}"
+        return [Fault("LOG.csv", log.name, rule)]
+    t, path, heading, faults = log.t[rows], pose[rows, :2], pose[rows, 2], []
     moved = _pace(t, path)
     speed = float(np.quantile(moved, 0.75)) if moved.size else 0.0
     if speed > 60.0:
-        suspect("x", "mm", f"the vehicle would do {speed:.0f} m/s")
+        faults.append(suspect("x", "mm", f"the vehicle would do {speed:.0f} m/s"))
     turns = np.abs(np.diff(heading))
-    jumps = np.mean((turns > 180) & (turns <= 360.5)) > 0 and np.abs(heading).max() > 4 * np.pi
+    jumps = np.any((turns > 180) & (turns <= 360.5)) and np.abs(heading).max() > 4 * np.pi
     reading = _reading(path, heading) if rolls else AS_GIVEN
     if reading.degrees or jumps:
-        suspect("heading", "deg", "as radians it fits neither the way the vehicle goes nor a whole turn")
+        why = "as radians it fits neither the way the vehicle goes nor a whole turn"
+        faults.append(suspect("heading", "deg", why))
     if reading.words:
         rule = f"along the way that the vehicle goes, forwards or backwards; it is where {reading.words}"
-        found.append(Fault("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
-    shifted = {"vx": _smooth_rate(t, path[:, 0]), "vy": _smooth_rate(t, path[:, 1])}
-    if not found:
-        shifted["yaw_rate"] = _smooth_rate(t, np.unwrap(heading))
-        shifted["speed"] = np.hypot(shifted["vx"], shifted["vy"])
-    noisy = {"vx": x[rows], "vy": y[rows], "yaw_rate": heading, "speed": x[rows]}
-    for name, rate in shifted.items():
-        if name in log.measured and not where[name].unit:  # a stated unit is believed
-            if np.nanquantile(np.abs(rate), 0.8) < CLEAR * _noise_of_rate(noisy[name], log.step):
-                continue  # the pose says too little of it
-            told = log.measured[name][rows]
-            fine = np.isfinite(told)
-            if name == "speed":
-                told = np.abs(told)
-            if guess := _unit_of(_ratio(told[fine], rate[fine]), name):
-                suspect(name, guess[0], guess[1])
-    return found
+        faults.append(Fault("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
+    x, y = path.T
+    rates = {"vx": (_smooth_rate(t, x), x), "vy": (_smooth_rate(t, y), y)}  # and what their noise comes from
+    if not faults:
+        rates["yaw_rate"] = _smooth_rate(t, np.unwrap(heading)), heading
+        rates["speed"] = np.hypot(rates["vx"][0], rates["vy"][0]), x
+    for name, (rate, source) in rates.items():
+        if name not in log.measured or where[name].unit:  # a stated unit is believed
+            continue
+        if np.nanquantile(np.abs(rate), 0.8) < CLEAR * _noise_of_rate(source, log.step):
+            continue  # the pose says too little of it
+        if guess := _unit_of(_ratio(log.measured[name][rows], rate), name):
+            faults.append(suspect(name, *guess))
+    return faults
 
 
 def _pace(t: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -182,28 +171,26 @@ def _noise_of_rate(value: np.ndarray, step: float) -> float:
     return float(1.4826 * np.median(third) / np.sqrt(20) * np.sqrt(2) / (6 * step))
 
 
-def _ratio(told: np.ndarray, rate: np.ndarray) -> float:
-    """How many times larger what is told is than what the pose says, by their spread; 1 where there is nothing."""
-    fine = np.isfinite(told) & np.isfinite(rate)
-    if fine.sum() < LEAST_ROWS:
+def _ratio(measured: np.ndarray, rate: np.ndarray) -> float:
+    """How many times larger what is measured is than what the pose says, by their spread; 1 where there is nothing."""
+    both = np.isfinite(measured) & np.isfinite(rate)
+    if both.sum() < LEAST_ROWS:
         return 1.0
-    a, b = (np.quantile(np.abs(z[fine]), 0.8) for z in (told, rate))
+    a, b = (np.quantile(np.abs(z[both]), 0.8) for z in (measured, rate))
     return float(a / b) if a > 0 and b > 0 else 1.0
 
 
 def _unit_of(ratio: float, name: str) -> tuple[str, str] | None:
     """The unit that a ratio to what the pose says betrays, and words for it."""
-    angle = name == "yaw_rate"
+    angle, why = name == "yaw_rate", f"it is {ratio:.3g} times what the pose says"
     units = {180 / np.pi: "deg/s"} if angle else {1000.0: "mm/s", 3.6: "km/h"}
     for factor, unit in units.items():
         if factor / 1.5 < ratio < factor * 1.5:
-            return unit, f"it is {ratio:.3g} times what the pose says"
-    if not 0.1 < ratio < 10:
-        other = "t, x, y or heading" if ratio > 1 else "x and y, perhaps in mm,"
-        return (
-            "rad/s" if angle else "m/s"
-        ), f"it is {ratio:.3g} times what the pose says, so that {other} may be off too"
-    return None
+            return unit, why
+    if 0.1 < ratio < 10:
+        return None
+    other = "t, x, y or heading" if ratio > 1 else "x and y, perhaps in mm,"
+    return "rad/s" if angle else "m/s", f"{why}, so that {other} may be off too"
 
 
 class HeadingReading(NamedTuple):

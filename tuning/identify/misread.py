@@ -27,7 +27,7 @@ class CommandReading(NamedTuple):
 
 def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[CommandReading]:
     """Every other reading: units, then all orders and signs, those with the fewest changes first."""
-    eye, places, found = np.eye(len(names)), [columns.get(name, Column(name)) for name in names], []
+    eye, places, moves = np.eye(len(names)), [columns.get(name, Column(name)) for name in names], []
     for factor, words in UNITS.items():
         yield CommandReading(factor * eye, words, _spelled(names, places, [factor] * len(names)))
     for order in itertools.permutations(range(len(names))):
@@ -37,13 +37,9 @@ def readings(names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Co
             parts = [f"{' and '.join(moved)} exchanged"] if moved else []
             parts += [f"{' and '.join(turned)} of the other sign"] if turned else []
             mended = _spelled(names, [places[k] for k in order], signs)
-            found.append(
-                (
-                    len(moved) + len(turned),
-                    CommandReading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended),
-                )
-            )
-    yield from (reading for changes, reading in sorted(found, key=lambda row: row[0]) if changes)
+            reading = CommandReading(np.diag(signs) @ eye[list(order)], " and ".join(parts), mended)
+            moves.append((len(moved) + len(turned), reading))
+    yield from (reading for changes, reading in sorted(moves, key=lambda row: row[0]) if changes)
 
 
 def misread(
@@ -72,10 +68,10 @@ def misread(
 
 def _spelled(names: Sequence[str], places: Sequence[Column], factors: Sequence[float]) -> str:
     """Lines of [identify.columns] for what is not as it stands."""
-    told = []
+    lines = []
     for name, place, factor in zip(names, places, factors, strict=True):
         unit = f', unit = "{place.unit}"' if place.unit else ""
         times = f", factor = {factor * place.factor:g}" if factor * place.factor != 1 else ""
         if times or place.column != name:
-            told.append(f'{name} = {{ column = "{place.column}"{unit}{times} }}')
-    return " and ".join(told)
+            lines.append(f'{name} = {{ column = "{place.column}"{unit}{times} }}')
+    return " and ".join(lines)

@@ -17,6 +17,7 @@ from agvjax.engine import loop
 from agvjax.geometry import into_body, wrap
 from agvjax.protocols import Inputs, Plant
 
+from .log import columns_of
 from .segments import Segments
 
 CHUNK = 16  # stretches computed together
@@ -27,9 +28,10 @@ def channels(plant: Plant, state: PyTree, delivered: Inputs, names: Sequence[str
     """What is measured of a vehicle in some state, by channel."""
     seen = plant.output(state, delivered)
     along, _ = into_body(seen.velocity, seen.heading)
-    found = {"x": seen.position[0], "y": seen.position[1], "heading": seen.heading}
-    found |= {"vx": seen.velocity[0], "vy": seen.velocity[1], "speed": along, "yaw_rate": seen.yaw_rate}
-    return jnp.stack([seen.steering_angle if name == "steering_angle" else found[name] for name in names])
+    values: Inputs = {"x": seen.position[0], "y": seen.position[1], "heading": seen.heading}
+    values |= {"vx": seen.velocity[0], "vy": seen.velocity[1], "speed": along}
+    values |= {"yaw_rate": seen.yaw_rate, "steering_angle": seen.steering_angle}
+    return jnp.stack([values[name] for name in names])
 
 
 class Model(NamedTuple):
@@ -52,11 +54,8 @@ class Model(NamedTuple):
 
     def split(self, u: Float[Array, " m"]) -> Inputs:
         """Inputs by actuator."""
-        found: Inputs = {}
-        for name in self.scenario.plant.actuators:
-            own = [i for i, c in enumerate(self.commands) if c == name or c in (f"{name}_x", f"{name}_y")]
-            found[name] = u[own[0]] if self.commands[own[0]] == name else u[jnp.array(own)]
-        return found
+        columns = {name: columns_of(self.commands, name) for name in self.scenario.plant.actuators}
+        return {name: u[places[0]] if len(places) == 1 else u[jnp.array(places)] for name, places in columns.items()}
 
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """What would have been measured at the rows of one stretch that begins in state s."""
@@ -76,11 +75,11 @@ class Model(NamedTuple):
 
             def rate(x: PyTree, signal: PyTree) -> tuple[PyTree, Inputs]:
                 (state, flow), (time, memory) = x, signal
-                given = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
-                delivered = {n: pair[0] for n, pair in given.items()}
+                answers = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
+                delivered = {n: answer[0] for n, answer in answers.items()}
                 moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
                 moved = jax.tree.map(lambda dx: live * dx, moved)
-                return (moved, {n: pair[1] for n, pair in given.items()}), delivered
+                return (moved, {n: answer[1] for n, answer in answers.items()}), delivered
 
             def substep(carry: PyTree, k: Array) -> tuple[PyTree, Array]:
                 state, flow, memory = carry
@@ -122,11 +121,12 @@ def compiled(model: Model) -> Says:
     def one(p: Array, s: Array, stretch: Segments) -> Sums:
         size, weight = p.size, jnp.sqrt(stretch.weight)
 
-        def off(z: Array) -> tuple[Array, Array]:
+        def off(z: Array) -> tuple[Array, tuple[Array, Array]]:
             plain = model.residual(z[:size], z[size:], stretch)
-            return (weight * plain).ravel(), plain
+            weighted = (weight * plain).ravel()
+            return weighted, (weighted, plain)
 
-        r, J, plain = _with_jacobian(off, jnp.concatenate([p, s]))
+        J, (r, plain) = jax.jacfwd(off, has_aux=True)(jnp.concatenate([p, s]))
         both = jnp.concatenate([J[:, :size], r[:, None]], axis=1)
         taken = _solve(J[:, size:], both)
         left = both - J[:, size:] @ taken  # what the state cannot take up
@@ -137,24 +137,14 @@ def compiled(model: Model) -> Says:
     chunk = jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))
 
     def run(p: ArrayLike, states: ArrayLike, stretches: Segments) -> Sums:
-        count, found = len(stretches.t), []
+        count, chunks = len(stretches.t), []
         for first in range(0, count, CHUNK):  # of one shape, so that one compilation serves logs of any length
             rows = np.minimum(np.arange(first, first + CHUNK), count - 1)
             part = Segments(*(np.asarray(x)[rows] for x in stretches))
-            found.append(jax.device_get(chunk(jnp.asarray(p), jnp.asarray(states)[rows], part)))
-        return Sums(*(np.concatenate(x)[:count] for x in zip(*found, strict=True)))
+            chunks.append(jax.device_get(chunk(jnp.asarray(p), jnp.asarray(states)[rows], part)))
+        return Sums(*(np.concatenate(x)[:count] for x in zip(*chunks, strict=True)))
 
     return run
-
-
-def _with_jacobian(f: Callable[[Array], tuple[Array, Array]], z: Array) -> tuple[Array, Array, Array]:
-    """Values (M,) of f, its Jacobian (M, Z) and what else it returns, in one pass."""
-
-    def along(side: Array) -> tuple[Array, Array, Array]:
-        return jax.jvp(f, (z,), (side,), has_aux=True)
-
-    value, slopes, more = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(z.size, dtype=z.dtype))
-    return value, slopes, more
 
 
 def _solve(J: Array, b: Array) -> Array:

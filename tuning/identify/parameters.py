@@ -12,7 +12,7 @@ import agvjax
 from agvjax.leaves import get, leaves, rule_of, unit_of
 from agvjax.protocols import Element
 
-from .log import Log
+from .log import Log, columns_of
 
 GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle")
 VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of the deadzones and are weighed instead
@@ -23,7 +23,7 @@ VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of th
 SINUSOID = ("cosine", "sine")
 LATEST, LONGEST = 0.15, 1.0  # s, of a delay and a lag
 SLOPES = (0.02, 50.0)
-ELEMENTS = {"delay": agvjax.Delay, "lag": agvjax.Lag}
+ELEMENTS = {"delay": (agvjax.Delay, "time"), "lag": (agvjax.Lag, "time_constant")}  # the group's class and its number
 OMEGA = "disturbance.omega"
 
 
@@ -47,7 +47,7 @@ def parts_of(chain: Element) -> dict[str, Element]:
 def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float) -> agvjax.Scenario:
     """The scenario with all that the groups ask for: an element in every actuator, a disturbance of one frequency."""
     chains = dict(scenario.actuators)
-    for group, element in ELEMENTS.items():
+    for group, (element, _) in ELEMENTS.items():
         for name in scenario.plant.actuators:
             parts = parts_of(chains[name]) if name in chains else {}
             if group in fit and not any(isinstance(part, element) for part in parts.values()):
@@ -60,38 +60,35 @@ def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float) -> ag
                     parts[key] = dataclasses.replace(part, slots=max(part.slots, wanted), time=start)
             if parts:
                 chains[name] = agvjax.Chain(**parts)
-    wanted = any(name.startswith("disturbance") for name in fit)
-    kept = wanted and isinstance(scenario.disturbance, agvjax.Harmonic)
-    disturbance = scenario.disturbance if kept else agvjax.Harmonic() if wanted else agvjax.NoDisturbance()
+    disturbance = scenario.disturbance
+    if not any(name.startswith("disturbance") for name in fit):
+        disturbance = agvjax.NoDisturbance()
+    elif not isinstance(disturbance, agvjax.Harmonic):
+        disturbance = agvjax.Harmonic()
     return dataclasses.replace(scenario, actuators=chains, disturbance=disturbance, sensor=None)
 
 
 def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
     """The leaves that groups and names mean, each once."""
-    found: list[str] = []
-    known = leaves(scenario)
-    for entry in fit:
-        if entry == "deadzone":
-            found += [name for name in known if name.startswith("deadzone.")]
-        elif entry in ELEMENTS:
-            last = {"delay": "time", "lag": "time_constant"}[entry]
-            for name, chain in scenario.actuators.items():
-                own = [key for key, part in parts_of(chain).items() if isinstance(part, ELEMENTS[entry])]
-                found += [f"actuators.{name}.{key}.{last}" for key in own]
-        elif entry == "disturbance":
-            found += [name for name in known if name.startswith("disturbance.") and name != "disturbance.phase"]
-        elif entry == "vehicle":
-            found += [f"plant.{name}" for name in VEHICLE.get(type(scenario.plant), ())]
-        else:
-            found.append(entry)
-    return tuple(dict.fromkeys(found))
+    groups = {
+        "deadzone": [name for name in leaves(scenario) if name.startswith("deadzone.")],
+        "disturbance": [
+            name for name in leaves(scenario) if name.startswith("disturbance.") and name != "disturbance.phase"
+        ],
+        "vehicle": [f"plant.{name}" for name in VEHICLE.get(type(scenario.plant), ())],
+    }
+    for group, (element, number) in ELEMENTS.items():
+        parts = [(name, parts_of(chain)) for name, chain in scenario.actuators.items()]
+        keys = [(name, key) for name, chain in parts for key, part in chain.items() if isinstance(part, element)]
+        groups[group] = [f"actuators.{name}.{key}.{number}" for name, key in keys]
+    return tuple(dict.fromkeys(name for entry in fit for name in groups.get(entry, [entry])))
 
 
 def unknown(scenario: agvjax.Scenario, fit: Sequence[str]) -> list[str]:
     """Entries of `identify.fit` that name nothing that can be fitted."""
-    known = {n: x for n, x in leaves(scenario).items() if not n.startswith(("start.", "path.", "sensor.", "limit"))}
-    groups = set(fit) & set(GROUPS)
-    return [name for name in fit if name not in groups and (name not in known or np.ndim(known[name]))]
+    outside = ("start.", "path.", "sensor.", "limit")  # a log says nothing of these
+    numbers = {n for n, x in leaves(scenario).items() if not (n.startswith(outside) or np.ndim(x))}
+    return [name for name in fit if name not in numbers and name not in GROUPS]
 
 
 def parameters(
@@ -103,10 +100,9 @@ def parameters(
 
 def largest(logs: Sequence[Log], name: str) -> float:
     """The largest command that a deadzone's number is about: on its side, of its actuator."""
-    actuator = name.split(".")[1]
-    own = [i for i, c in enumerate(logs[0].commands) if c == actuator or c in (f"{actuator}_x", f"{actuator}_y")]
+    columns = columns_of(logs[0].commands, name.split(".")[1])
     sign = -1.0 if name.endswith("left") else 1.0
-    return float(max(0.0, *((sign * log.inputs[:, own]).max() for log in logs)))
+    return float(max(0.0, *((sign * log.inputs[:, columns]).max() for log in logs)))
 
 
 def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float) -> Parameter:
@@ -134,6 +130,11 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
 def values(parameters: Sequence[Parameter]) -> np.ndarray:
     """Nominal values (P,)."""
     return np.array([p.nominal for p in parameters])
+
+
+def widths(parameters: Sequence[Parameter]) -> np.ndarray:
+    """How surely they are believed without the log (P,), as standard deviations."""
+    return np.array([p.width for p in parameters])
 
 
 def sinusoidal(name: str) -> bool:

@@ -30,9 +30,8 @@ def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     fixed = {q.name: float(x) for q, x, moved in zip(fit.parameters, fit.p, fit.free, strict=True) if not moved}
     fixed |= {name: e.value for name, e in known.items()}  # what was looked for and is not there is 0
     scenario = agvjax.replace(_structure(config, fit, known), fixed)
-    draws: dict[str, Draw] = {
-        n: d for n, d in config.ensemble.draws.items() if n in leaves(scenario) and n not in known
-    }
+    kept = set(leaves(scenario)) - set(known)
+    draws: dict[str, Draw] = {name: draw for name, draw in config.ensemble.draws.items() if name in kept}
     assumed = default_draws(scenario.plant.actuators)
     unknown = [e.name for e in verdict.estimates if not e.identified]
     draws |= {name: assumed[name] for name in unknown if name in assumed and name not in draws}
@@ -41,12 +40,10 @@ def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     if any(sinusoidal(name) and name.endswith(SINUSOID) for name in known):
         draws["disturbance.phase"] = Between(0.0, float(2 * np.pi))
     correlation = _correlation(verdict)
-    if correlation is not None:
-        draws = correlated(draws, correlation)
+    draws = draws if correlation is None else correlated(draws, correlation)
     ensemble = dataclasses.replace(config.ensemble, draws=draws, correlation=correlation)
-    return dataclasses.replace(
-        config, scenario=scenario, ensemble=ensemble, controller=config.controller.believing(scenario.plant)
-    )
+    controller = config.controller.believing(scenario.plant)
+    return dataclasses.replace(config, scenario=scenario, ensemble=ensemble, controller=controller)
 
 
 def distribution(estimate: Estimate, low: float) -> Distribution:
@@ -62,27 +59,24 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> agvjax.S
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
     steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
-    own = config.controller.control_period()
-    period = min(steps if own is None else float(own), float(fit.segments.h.mean()))
+    of_law = config.controller.control_period()
+    period = min(steps if of_law is None else float(of_law), float(fit.segments.h.mean()))
     chains = {}
     for name, chain in fitted.actuators.items():
-        parts = parts_of(chain)
-        for key, part in parts.items():
+        kept, configured = {}, parts_of(before.actuators[name]) if name in before.actuators else {}
+        for key, part in parts_of(chain).items():
+            place = f"actuators.{name}.{key}."
+            if key not in configured and not any(place in leaf for leaf in known):
+                continue  # added to be looked for, and not found
             if isinstance(part, agvjax.Delay):
-                e = known.get(f"actuators.{name}.{key}.time")
-                longest = float(part.time) if e is None else e.value + TAIL * e.deviation
-                longest += float(part.jitter)
-                parts[key] = dataclasses.replace(part, slots=2 + int(np.ceil(longest / period)))
-        before_parts = parts_of(before.actuators[name]) if name in before.actuators else {}
-        kept = {
-            k: x for k, x in parts.items() if k in before_parts or any(f"actuators.{name}.{k}." in n for n in known)
-        }
-        if kept:  # an element that was added to be looked for, and was not found, goes
+                e = known.get(f"{place}time")
+                longest = (float(part.time) if e is None else e.value + TAIL * e.deviation) + float(part.jitter)
+                part = dataclasses.replace(part, slots=2 + int(np.ceil(longest / period)))
+            kept[key] = part
+        if kept:
             chains[name] = agvjax.Chain(**kept)
-    disturbance = (
-        fitted.disturbance if any(n.startswith("disturbance.") for n in fit.model.names) else before.disturbance
-    )
-    sensor = before.sensor
+    sought = any(name.startswith("disturbance.") for name in fit.model.names)
+    disturbance, sensor = (fitted if sought else before).disturbance, before.sensor
     if isinstance(sensor, agvjax.Noise):
         sigma = dict(zip(fit.model.channels, fit.sigma, strict=True))
         seen = {n: [sigma[c] for c in own if c in sigma] for n, own in CHANNELS.items()}

@@ -68,7 +68,7 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
     waves = np.array([sinusoidal(name) and name.endswith(SINUSOID) for name in names])
     p, function = np.where(waves, 0.0, fit.p), compiled(fit.model)
     residuals = jax.jit(jax.vmap(fit.model.residual, in_axes=(None, 0, 0)))
-    found = []
+    predictions = []
     for log in logs:
         segments, since, counted = _ahead(log, horizon, memory, gap)
         states, brief = first_states(fit.model, [log], segments), _brief(segments, fit, log.step)
@@ -77,15 +77,6 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
         residual = np.asarray(residuals(p, states, segments))
         x, y = (fit.model.channels.index(name) for name in ("x", "y"))
         error = np.where(counted, np.hypot(residual[..., x], residual[..., y]), np.nan)
-        found.append(
-            Prediction(
-                log.name,
-                horizon,
-                len(error),
-                float(np.nanmax(error)),
-                float(np.sqrt(np.nanmean(error**2))),
-                since,
-                error,
-            )
-        )
-    return found
+        worst, rms = float(np.nanmax(error)), float(np.sqrt(np.nanmean(error**2)))
+        predictions.append(Prediction(log.name, horizon, len(error), worst, rms, since, error))
+    return predictions

@@ -14,7 +14,7 @@ from .. import config as configuration
 from ..config.settings import Config
 from .excitation import Designer, Drive, Room
 from .fit import Fit, Task
-from .log import POSE, Log, commands_of, same_channels
+from .log import Log, commands_of, same_channels
 from .model import Model
 from .parameters import Parameter, parameters, values
 from .predict import Prediction, predict, windows
@@ -23,7 +23,7 @@ from .task import model_of, read, task
 from .verdict import FitVerdict, settled
 
 Tick = Callable[[str], object]  # is told the name of each part of the work as it ends
-ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # noise where no log tells it
+ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # channels and noise where no log tells them
 
 
 class Identified(NamedTuple):
@@ -78,12 +78,11 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
     Raises:
         agvjax.InputError: the commands do not explain the log, but would with another sign, unit or order.
     """
-    settings = config.identify
+    settings, drive = config.identify, None
     fitted, verdict = settled(posed, settings, config.seed, tick)
     predictions = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap) if unseen else []
-    p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
-    drive = None
-    if settings.drives and _told(config):
+    if settings.drives and _says_needs(config):
+        p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)
     return Identified(posed, fitted, verdict, predictions, drive)
 
@@ -95,22 +94,19 @@ def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
         agvjax.InputError: the plant does not say what a motion needs.
     """
     plant = config.scenario.plant
-    if not _told(config):
+    if not _says_needs(config):
         rule = "a plant with `needs(motion)` where no log is given, so that a drive can be suggested"
         raise InputError([Fault("scenario.plant", type(plant).__name__, rule)])
     period = config.controller.control_period()
     step = 0.02 if period is None else float(period)
-    commands = commands_of(plant)
-    model = model_of(config, (*POSE, "vx", "vy"), commands, step)
-    limits = np.array(_limits(config))
+    model, limits = model_of(config, tuple(ASSUMED), commands_of(plant), step), np.array(_limits(config))
     ends = np.where(np.isfinite(limits), limits, 1.0)
-    nothing = Log("none", 0.0, np.arange(2) * step, np.stack([ends, -ends]), commands, {})
+    nothing = Log("none", 0.0, np.arange(2) * step, np.stack([ends, -ends]), model.commands, {})
     wanted = parameters(model.scenario, model.names, [nothing], step / model.substeps)
-    sigma = np.array([ASSUMED[name] for name in model.channels])
-    return _suggested(config, model, wanted, values(wanted), sigma, step, tick)
+    return _suggested(config, model, wanted, values(wanted), np.array([*ASSUMED.values()]), step, tick)
 
 
-def _told(config: Config) -> bool:
+def _says_needs(config: Config) -> bool:
     """Whether the plant says what a motion needs."""
     zero = np.zeros(1)
     return bool(config.scenario.plant.needs(agvjax.Motion(zero, zero, zero, zero)))
@@ -119,8 +115,9 @@ def _told(config: Config) -> bool:
 def _limits(config: Config) -> tuple[float, ...]:
     """How large each command may be: what the law says, where it says so."""
     limits = config.controller.input_limits()
-    count = len(commands_of(config.scenario.plant))
-    return tuple(np.asarray(limits, float).tolist()) if limits is not None else (np.inf,) * count
+    if limits is None:
+        return (np.inf,) * len(commands_of(config.scenario.plant))
+    return tuple(np.asarray(limits, float).tolist())
 
 
 def _suggested(

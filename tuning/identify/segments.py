@@ -7,6 +7,7 @@ the model. Nothing reaches across a gap in the log.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -65,12 +66,13 @@ def cut(logs: Sequence[Log], length: float, memory: float, gap: float, ahead: fl
 
 def widened(segments: Segments, width: int, step: float) -> Segments:
     """The same stretches, filled up to a number of rows."""
-    filled = []
-    for name, value in segments._asdict().items():
-        more = [(0, 0), (0, width - segments.t.shape[1])] + [(0, 0)] * (value.ndim - 2)
-        fill = {"rows": -1, "h": step}.get(name, 0)
-        filled.append(value if name == "log" else np.pad(value, more, constant_values=fill))
-    return Segments(*filled)
+    more, fill = (0, width - segments.t.shape[1]), {"rows": -1, "h": step}
+    filled = {
+        name: np.pad(value, [(0, 0), more, (0, 0)][: value.ndim], constant_values=fill.get(name, 0))
+        for name, value in segments._asdict().items()
+        if name != "log"
+    }
+    return segments._replace(**filled)
 
 
 def thinned(segments: Segments, most: int) -> Segments:
@@ -81,76 +83,61 @@ def thinned(segments: Segments, most: int) -> Segments:
 
 # long: one pass over the log
 def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tuple[Segments, Counts]:
-    """Those of one log."""
-    channels = tuple(log.measured)
-    values = np.column_stack([log.measured[name] for name in channels])
+    """The stretches of one log."""
+    values = np.column_stack([*log.measured.values()])
     known, spikes = np.isfinite(values), _spikes(log)
     good = known & ~spikes
     broken = np.flatnonzero(np.diff(log.t) > gap * log.step)
-    bounds = list(zip(np.r_[0, broken + 1], np.r_[broken + 1, log.t.size], strict=True))
+    ends = [0, *(broken + 1).tolist(), log.t.size]
     places, warm, left = [], 0, 0
-    for begin, end in bounds:
-        t, first = log.t[begin:end], int(begin)
-        start = int(begin + np.searchsorted(t, t[0] + memory))
-        warm += min(start, end) - first
+    for begin, end in itertools.pairwise(ends):
+        t = log.t[begin:end]
+        start = begin + int(np.searchsorted(t, t[0] + memory))
+        warm += min(start, end) - begin
         while start < end and log.t[end - 1] >= log.t[start] + length + ahead - 0.5 * log.step:
-            stop = int(begin + np.searchsorted(t, log.t[start] + length - 1e-9))
-            last = int(begin + np.searchsorted(t, log.t[start] + length + ahead - 1e-9))
-            before = int(begin + np.searchsorted(t, log.t[start] - memory))
+            now = log.t[start]
+            ahead_of = [now - memory, now + length - 1e-9, now + length + ahead - 1e-9]
+            before, stop, last = (begin + np.searchsorted(t, ahead_of)).tolist()
             places.append((before, start, stop, last))
             start = stop
         left += max(end - start, 0)
     widest = max((last - before for before, _, _, last in places), default=0)
-    S, C = len(places), len(channels)
-    rows = np.full((S, widest), -1)
-    live, weight = np.zeros((S, widest)), np.zeros((S, widest, C))
+    S = len(places)
+    rows, live, weight = np.full((S, widest), -1), np.zeros((S, widest)), np.zeros((S, widest, values.shape[1]))
     for i, (before, start, stop, last) in enumerate(places):
         rows[i, : last - before] = np.arange(before, last)
         live[i, start - before :] = 1.0
         weight[i, start - before : stop - before] = good[start:stop]
-    at = np.maximum(rows, 0)
-    steps = np.r_[np.diff(log.t), log.step]
-    segments = Segments(
-        t=np.where(rows >= 0, log.t[at], 0.0),
-        h=np.where(rows >= 0, steps[at], log.step),
-        inputs=np.where(rows[..., None] >= 0, log.inputs[at], 0.0),
-        live=live,
-        seen=np.where(known, values, 0.0)[at],
-        weight=weight,
-        rows=rows,
-        log=np.zeros(S, int),
-    )
-    counts = Counts(log.t.size, S, broken.size, int(warm), int(left), int((~known).sum()), int((spikes & known).sum()))
-    return segments, counts
+    at, there, steps = np.maximum(rows, 0), rows >= 0, np.r_[np.diff(log.t), log.step]
+    t, h = np.where(there, log.t[at], 0.0), np.where(there, steps[at], log.step)
+    inputs, seen = np.where(there[..., None], log.inputs[at], 0.0), np.where(known, values, 0.0)[at]
+    blank, outliers = int((~known).sum()), int((spikes & known).sum())
+    counts = Counts(log.t.size, S, broken.size, warm, left, blank, outliers)
+    return Segments(t, h, inputs, live, seen, weight, rows, np.zeros(S, int)), counts
 
 
 def _spikes(log: Log) -> np.ndarray:
     """Measurements that leap away from the line through their neighbours (N, C)."""
-    found = []
-    for value in log.measured.values():
-        fine = np.isfinite(value)
-        leaps = np.zeros(value.size, bool)
-        own = value[fine]
-        if own.size > WINDOW:
-            windows = np.lib.stride_tricks.sliding_window_view(
-                np.pad(own, WINDOW // 2, "reflect", reflect_type="odd"), WINDOW
-            )
+    leaps = np.zeros((log.t.size, len(log.measured)), bool)
+    for channel, value in enumerate(log.measured.values()):
+        fine = np.flatnonzero(np.isfinite(value))
+        if fine.size > WINDOW:
+            padded = np.pad(value[fine], WINDOW // 2, "reflect", reflect_type="odd")
+            windows = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)
             i, j = np.triu_indices(WINDOW, 1)
             slope = np.median((windows[:, j] - windows[:, i]) / (j - i), axis=1)  # Theil and Sen's line
             line = np.median(windows - slope[:, None] * (np.arange(WINDOW) - WINDOW // 2), axis=1)
-            off = own - line
-            size = np.abs(off)  # where a channel stands exactly still it says nothing of its noise
-            usual = 1.4826 * np.median(size[size > STILL * size.max()]) if size.max() > 0 else np.inf
-            leaps[np.flatnonzero(fine)[np.abs(off) > SPIKE * usual]] = True
-        found.append(leaps)
-    return np.column_stack(found)
+            off = np.abs(value[fine] - line)  # where a channel stands exactly still it says nothing of its noise
+            usual = 1.4826 * np.median(off[off > STILL * off.max()]) if off.max() > 0 else np.inf
+            leaps[fine[off > SPIKE * usual], channel] = True
+    return leaps
 
 
 def noise(logs: Sequence[Log]) -> np.ndarray:
     """A first guess of every channel's noise (C,), from what neither its value nor its slope explains."""
     guesses = []
     for name in logs[0].measured:
-        own = [log.measured[name][np.isfinite(log.measured[name])] for log in logs]
-        third = np.concatenate([np.abs(np.diff(value, 3)) for value in own])  # of white noise: sqrt(20) times as large
+        values = [log.measured[name][np.isfinite(log.measured[name])] for log in logs]
+        third = np.abs(np.concatenate([np.diff(x, 3) for x in values]))  # of white noise: sqrt(20) times as large
         guesses.append(max(1.4826 * float(np.median(third)) / np.sqrt(20), 1e-6) if third.size else 1.0)
     return np.array(guesses)

@@ -29,14 +29,14 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     Raises:
         agvjax.InputError: names file, column and rule.
     """
-    found = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
-    wrong = logs.same_channels(found)
-    for i, log in enumerate(found):
-        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in found[:i]):
+    drives = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
+    wrong = logs.same_channels(drives)
+    for i, log in enumerate(drives):
+        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in drives[:i]):
             wrong.append(Fault("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
     if wrong:
         raise InputError(wrong)
-    return logs.together(found)
+    return logs.together(drives)
 
 
 def task(files: Sequence[str], config: Config) -> Task:
@@ -62,8 +62,8 @@ def task(files: Sequence[str], config: Config) -> Task:
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
     unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
-    if (told := int((segments.weight > 0).sum())) < 2 * unknown:
-        rule = f"so long that there are twice as many measurements as unknowns; there are {told} for {unknown}"
+    if (measurements := int((segments.weight > 0).sum())) < 2 * unknown:
+        rule = f"so long that there are twice as many measurements as unknowns; there are {measurements} for {unknown}"
         raise InputError([Fault("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation

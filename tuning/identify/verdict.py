@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..config.settings import Identify
-from .fit import WORTH, Fit, Task, fit, refitted
-from .parameters import OMEGA, Parameter, sinusoidal
+from .fit import WORTH, Fit, Task, fit, information, refitted
+from .parameters import OMEGA, sinusoidal, values, widths
 
 Z95 = 1.959964  # of a normal distribution
 PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
@@ -24,14 +24,14 @@ class Estimate(NamedTuple):
     name: str
     unit: str
     value: float  # where the search ended; means nothing unless identified
-    deviation: float  # standard, the larger of the two below
-    gauss_newton: float
-    bootstrap: float
-    low: float  # of the 95 % interval
-    high: float
-    identified: bool
-    reason: str  # why not; empty where it is
-    drive: str  # what drive would tell; empty where none is needed
+    deviation: float = 0.0  # standard, the larger of the two below
+    gauss_newton: float = 0.0
+    bootstrap: float = 0.0
+    low: float = np.nan  # of the 95 % interval
+    high: float = np.nan
+    identified: bool = False
+    reason: str = ""  # why not; empty where it is
+    drive: str = ""  # what drive would tell; empty where none is needed
 
 
 class FitVerdict(NamedTuple):
@@ -40,60 +40,55 @@ class FitVerdict(NamedTuple):
     estimates: tuple[Estimate, ...]
     correlation: np.ndarray  # (P, P), of Gauss-Newton; unit rows for what was not free
     white: dict[str, float]  # by channel the correlation of what is left with itself one row later
-    covariance: np.ndarray  # (P, P), Gauss-Newton
 
 
 def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     """Intervals and identifiability of every parameter."""
     parameters, free = fit.parameters, fit.free
-    width = np.array([q.width for q in parameters])
-    H = fit.sums.matrix.sum(axis=0) + np.diag(width**-2.0)
+    H, place = information(fit.sums, parameters), np.ix_(free, free)
     covariance = np.zeros_like(H)
-    covariance[np.ix_(free, free)] = inverse(H[np.ix_(free, free)])
+    covariance[place] = inverse(H[place])
     deviation = np.sqrt(np.diag(covariance))
-    again = bootstrap(fit, draws, seed)
+    bootstrapped = bootstrap(fit, draws, seed)
     scale = np.where(deviation > 0, deviation, 1.0)
     correlation = covariance / np.outer(scale, scale)
     np.fill_diagonal(correlation, 1.0)
     felt = np.sqrt(np.diag(fit.sums.matrix.sum(axis=0)))
-    found = []
-    for i, q in enumerate(parameters):
-        found.append(_estimate(fit, i, q, deviation[i], again[i], felt[i], correlation[i]))
-    return FitVerdict(tuple(found), correlation, _white(fit), covariance)
+    numbers = zip(deviation, bootstrapped, felt, correlation, strict=True)
+    estimates = (_estimate(fit, i, *row) for i, row in enumerate(numbers))
+    return FitVerdict(tuple(estimates), correlation, _white(fit))
 
 
 def settled(
     task: Task, settings: Identify, seed: int, tick: Callable[[str], object] = lambda text: None
 ) -> tuple[Fit, FitVerdict]:
     """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0."""
-    found = fit(task, settings.starts, settings.outlier, seed, tick)
-    verdict = judge(found, settings.bootstrap, seed)
+    best = fit(task, settings.starts, settings.outlier, seed, tick)
+    verdict = judge(best, settings.bootstrap, seed)
     for doubted in (_doubtful_sinusoid, _doubtful_constants):
-        absent = doubted(found, verdict)
-        if not absent:
-            continue
-        gone = np.array([q.name in absent for q in found.parameters])
-        zero = gone & np.array([q.name != OMEGA for q in found.parameters])
-        found = refitted(found, np.where(zero, 0.0, found.p), found.free & ~gone, absent)
-        verdict = judge(found, settings.bootstrap, seed)
-    return found, verdict
+        if absent := doubted(best, verdict):
+            gone = np.array([q.name in absent for q in best.parameters])
+            zero = gone & np.array([q.name != OMEGA for q in best.parameters])
+            best = refitted(best, np.where(zero, 0.0, best.p), best.free & ~gone, absent)
+            verdict = judge(best, settings.bootstrap, seed)
+    return best, verdict
 
 
-def _doubtful_sinusoid(found: Fit, verdict: FitVerdict) -> dict[str, str]:
+def _doubtful_sinusoid(fit: Fit, verdict: FitVerdict) -> dict[str, str]:
     """The sinusoid that was looked for, if by the deviations of the bootstrap it is not worth its place either."""
     names = [e.name for e in verdict.estimates]
-    if OMEGA not in names or not found.free[names.index(OMEGA)]:
+    if OMEGA not in names or not fit.free[names.index(OMEGA)]:
         return {}
     wavy = [i for i, name in enumerate(names) if sinusoidal(name) and name != OMEGA]
     deviation = np.array([verdict.estimates[i].deviation for i in wavy])
-    size = found.p[wavy] / deviation
+    size = fit.p[wavy] / deviation
     if size @ np.linalg.solve(verdict.correlation[np.ix_(wavy, wavy)], size) >= WORTH:
         return {}
-    why = f"the one of {found.p[names.index(OMEGA)]:.3g} rad/s that explains most is no clearer than chance"
+    why = f"the one of {fit.p[names.index(OMEGA)]:.3g} rad/s that explains most is no clearer than chance"
     return {OMEGA: why} | {names[i]: f"{why}; taken as 0" for i in wavy}
 
 
-def _doubtful_constants(found: Fit, verdict: FitVerdict) -> dict[str, str]:
+def _doubtful_constants(fit: Fit, verdict: FitVerdict) -> dict[str, str]:
     """Constant pushes whose intervals hold 0."""
     return {
         e.name: f"no constant push found, at most {max(abs(e.low), abs(e.high)):.2g}; taken as 0"
@@ -103,7 +98,7 @@ def _doubtful_constants(found: Fit, verdict: FitVerdict) -> dict[str, str]:
 
 
 def inverse(H: np.ndarray) -> np.ndarray:
-    """Of a positive definite matrix whose rows have very different sizes."""
+    """The inverse of a positive definite matrix whose rows have very different sizes."""
     scale = np.sqrt(np.diag(H))
     return np.linalg.inv(H / np.outer(scale, scale)) / np.outer(scale, scale)
 
@@ -115,34 +110,29 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
     what the model lacks, widen these deviations and not Gauss-Newton's.
     """
     rng = np.random.default_rng([seed, 0xB007])
-    width, free = np.array([q.width for q in fit.parameters]), fit.free
-    nominal = np.array([q.nominal for q in fit.parameters])
-    prior, pull = np.diag(width**-2.0), (fit.p - nominal) / width**2
-    count, found = len(fit.sums.cost), []
-    place = np.ix_(free, free)
+    width, free = widths(fit.parameters), fit.free
+    prior, pull = np.diag(width**-2.0), (fit.p - values(fit.parameters)) / width**2
+    count, steps, place = len(fit.sums.cost), [], np.ix_(free, free)
     for _ in range(draws):
         times = np.bincount(rng.integers(count, size=count), minlength=count).astype(float)
         H = np.tensordot(times, fit.sums.matrix, axes=1) + prior
         g = times @ fit.sums.slope + pull
         scale = np.sqrt(np.diag(H)[free])
-        found.append(-np.linalg.solve(H[place] / np.outer(scale, scale), g[free] / scale) / scale)
+        steps.append(-np.linalg.solve(H[place] / np.outer(scale, scale), g[free] / scale) / scale)
     spread = np.zeros(len(fit.p))
-    spread[free] = np.std(found, axis=0, ddof=1) if draws > 1 else 0.0
+    spread[free] = np.std(steps, axis=0, ddof=1) if draws > 1 else 0.0
     return spread
 
 
-def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: float, row: np.ndarray) -> Estimate:
-    value = float(fit.p[i])
+def _estimate(fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, row: np.ndarray) -> Estimate:
+    """Of the i-th parameter, by its deviations, how much its size changes the log, and its correlations."""
+    q, value = fit.parameters[i], float(fit.p[i])
     if not fit.free[i]:
-        reason = fit.absent[q.name]
-        return Estimate(
-            q.name, q.unit, 0.0 if q.name != OMEGA else value, 0.0, 0.0, 0.0, np.nan, np.nan, False, reason, ""
-        )
-    deviation = max(own, again)
+        return Estimate(q.name, q.unit, value if q.name == OMEGA else 0.0, reason=fit.absent[q.name])
+    deviation, size = max(gauss_newton, bootstrapped), max(abs(value), q.floor)
     half = Z95 * deviation
-    size = max(abs(value), q.floor)
-    told = deviation < SHARPER * q.width  # or it is what was believed before
-    identified, reason, drive = told and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
+    sharper = deviation < SHARPER * q.width  # or it is what was believed before
+    identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
     near = 1e-3 * (q.high - q.low)
     if not identified and felt * size < FELT:
         reason, drive = "never excited: with any value the log would look the same", advice(q.name)
@@ -153,8 +143,9 @@ def _estimate(fit: Fit, i: int, q: Parameter, own: float, again: float, felt: fl
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
         reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
         drive = advice(q.name)
-    low, high = max(value - half, q.low), min(value + half, q.high)
-    return Estimate(q.name, q.unit, value, deviation, own, again, low, high, bool(identified), reason, drive)
+    interval = max(value - half, q.low), min(value + half, q.high)
+    numbers = (value, deviation, gauss_newton, bootstrapped, *interval)
+    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, drive)
 
 
 def advice(name: str) -> str:
@@ -176,10 +167,11 @@ def advice(name: str) -> str:
 
 def _white(fit: Fit) -> dict[str, float]:
     """What is left, row by row: correlation with the row before."""
-    found, kept = {}, fit.segments.weight > 0
+    correlations, kept = {}, fit.segments.weight > 0
     for c, name in enumerate(fit.model.channels):
         left = np.where(kept[..., c], fit.sums.residual[..., c], 0.0)
         both = kept[:, 1:, c] & kept[:, :-1, c]
         square = (left**2).sum() / max(kept[..., c].sum(), 1)
-        found[name] = float((left[:, 1:] * left[:, :-1] * both).sum() / max(both.sum(), 1) / max(square, 1e-30))
-    return found
+        product = (left[:, 1:] * left[:, :-1] * both).sum() / max(both.sum(), 1)
+        correlations[name] = float(product / max(square, 1e-30))
+    return correlations

@@ -82,8 +82,9 @@ def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optiona
 
 def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, values: np.ndarray) -> None:
     """Refuse times that do not increase from row to row."""
-    if np.any(np.diff(values) <= 0):
-        at = int(np.argmax(np.diff(values) <= 0)) + 1
+    back = np.diff(values) <= 0
+    if back.any():
+        at = int(np.argmax(back)) + 1
         now, before = (f"{values[i]:.15g}" for i in (at, at - 1))
         raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} must be above {before}, the time before")
 
@@ -94,10 +95,9 @@ def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]
         text = Path(file).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{file} is no text file in UTF-8") from error
-    except OSError as error:
-        raise ValueError(f"{file} cannot be read: {error.strerror}") from error
-    except ValueError as error:  # a name that no file can have
-        raise ValueError(f"{file} cannot be read: {error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ValueError(f"{file} cannot be read: {reason}") from error
     if "\0" in text:
         raise ValueError(f"{file} is no text file")
     reader = csv.reader(text.splitlines())

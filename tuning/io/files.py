@@ -50,16 +50,17 @@ def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Write JSON; infinities and NaN become null, because JSON has no such numbers."""
+    """Write JSON; infinities and NaN become null."""
+    write(path, json.dumps(finite(data), indent=2) + "\n")
 
-    def plain(x: object) -> object:
-        if isinstance(x, dict):
-            return {key: plain(value) for key, value in x.items()}
-        if isinstance(x, (list, tuple)):
-            return [plain(value) for value in x]
-        return None if isinstance(x, float) and not np.isfinite(x) else x
 
-    write(path, json.dumps(plain(data), indent=2) + "\n")
+def finite(data: Any) -> Any:
+    """Plain data with None for infinities and NaN, which JSON and Python literals cannot say."""
+    if isinstance(data, dict):
+        return {key: finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [finite(value) for value in data]
+    return None if isinstance(data, float) and not np.isfinite(data) else data
 
 
 def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

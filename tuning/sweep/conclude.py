@@ -59,10 +59,10 @@ def _reported(folder: Path, text: str) -> bool:
 def _write(config: Config, swept: results.Results, laws: Laws, judges: Sequence[work.Judge], folder: Path) -> str:
     """Findings, figures and report; the report as text."""
     judged = verdict.judge(config, swept, laws, judges)
-    drawn = figures.every(swept, judged.bounds, judged.which, judged.indices)
-    for name, figure in drawn.items():
-        files.write_figure(folder / f"{name}.png", figure)
-    text = page.page(swept, judged, [f"{name}.png" for name in drawn], str(folder))
+    pictures = {f"{n}.png": x for n, x in figures.every(swept, judged.bounds, judged.which, judged.indices).items()}
+    for name, picture in pictures.items():
+        files.write_figure(folder / name, picture)
+    text = page.page(swept, judged, list(pictures), str(folder))
     files.write_json(folder / "findings.json", page.as_json(swept, judged))
     files.write(folder / "report.md", text)
     files.write(folder / "report.html", html(text, folder, "Sweep"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +19,12 @@ from agvjax.leaves import get, unit_of
 from agvjax.protocols import Law
 
 from ..config.settings import Config
-from ..ensemble.draws import Draw, Span, together, uniform
+from ..ensemble.draws import Draw, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on
 LAW = "controller."  # what the names of gains begin with
 SENSITIVITY = ("saltelli", "morris")
-
-
 Leaves = Mapping[str, ArrayLike]  # of scenarios and controllers, by name, each (n, ...)
 
 
@@ -39,7 +37,7 @@ class Target(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is written: `start.position[0]`."""
+        """As it is written in TOML: `start.position[0]`."""
         return self.leaf if self.element is None else f"{self.leaf}[{self.element}]"
 
 
@@ -51,7 +49,7 @@ class Axis(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is written."""
+        """The names of its targets, joined by +."""
         return "+".join(target.name for target in self.targets)
 
     @property
@@ -61,6 +59,11 @@ class Axis(NamedTuple):
             return (np.arange(self.points) + 0.5) / self.points
         tail = max(target.draw.ends[0] for target in self.targets)
         return np.linspace(tail, 1 - tail, self.points) if self.points > 1 else np.array([0.5])
+
+
+def targets_of(axes: Iterable[Axis]) -> list[tuple[Axis, Target]]:
+    """The targets of all axes, each with its axis."""
+    return [(axis, target) for axis in axes for target in axis.targets]
 
 
 class Design(NamedTuple):
@@ -92,10 +95,14 @@ class Design(NamedTuple):
         """Scenarios of the sweep."""
         return int(np.prod(self.shape, dtype=int)) * self.samples
 
+    def whole(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., N) of all scenarios by place in the grid and sample: (..., *shape, samples)."""
+        return values.reshape(*values.shape[:-1], *self.shape, self.samples)
+
     @property
     def names(self) -> tuple[str, ...]:
         """The leaves that vary; a controller's begin with `controller.`."""
-        return tuple(dict.fromkeys(t.leaf for axis in (*self.grid, *self.sampled) for t in axis.targets))
+        return tuple(dict.fromkeys(target.leaf for _, target in targets_of((*self.grid, *self.sampled))))
 
     def nominal(self, leaf: str) -> np.ndarray:
         """The nominal value of a leaf."""
@@ -107,7 +114,7 @@ class Design(NamedTuple):
         return nominal if target.element is None else nominal[target.element]
 
     def unit(self, leaf: str) -> str:
-        """Its unit."""
+        """The unit of a leaf."""
         return unit_of(*self._home(leaf))
 
     def _home(self, leaf: str) -> tuple[Law | agvjax.Scenario, str]:
@@ -125,9 +132,7 @@ class Design(NamedTuple):
         node, sample = number // self.samples, number % self.samples
         places = np.unravel_index(node, self.shape) if self.grid else ()
         columns = [axis.places[place] for axis, place in zip(self.grid, places, strict=True)]
-        if self.sampled and not self.grid:
-            columns += list(_points(self.method, self.sampled, self.base, self.seed, first, count).T)
-        elif self.sampled and sample[0] + count <= self.samples:  # all at one node: no more than these
+        if self.sampled and sample[0] + count <= self.samples:  # all at one node: no more than these
             columns += list(_points(self.method, self.sampled, self.base, self.seed, int(sample[0]), count).T)
         elif self.sampled:
             every = _points(self.method, self.sampled, self.base, self.seed, 0, self.samples)
@@ -149,10 +154,11 @@ class Design(NamedTuple):
 
     def _tied(self, shares: np.ndarray) -> np.ndarray:
         """Shares (axes, n) of sampled leaves that are drawn together, by the correlations of those among them."""
-        tied = shares.copy()
-        draws = {axis.name: axis.targets[0].draw for axis in self.sampled}
-        places = {axis.name: i for i, axis in enumerate(self.sampled, len(self.grid))}
-        partners = {name: row for name, draw in draws.items() if len(row := draw.partners(name)) > 1}
+        tied, places, partners = shares.copy(), {}, {}
+        for place, axis in enumerate(self.sampled, len(self.grid)):
+            row = axis.targets[0].draw.partners(axis.name)
+            if len(row) > 1:
+                places[axis.name], partners[axis.name] = place, row
         for name, leaves in partners.items():
             there = [leaf for leaf in leaves if leaf in partners]
             rows = np.array([list(partners[leaf].values()) for leaf in there])
@@ -169,11 +175,11 @@ class Design(NamedTuple):
 def design(config: Config) -> Design:
     """The design that a configuration asks for, found sound before."""
     settings = config.sweep
-    axes = [
-        Axis(tuple(Target(*element_of(name), span.draw) for name, span in table.items()), _points_of(table))
-        for table in settings.over
-    ]
-    taken = {target.leaf for axis in axes for target in axis.targets}
+    axes = []
+    for table in settings.over:
+        targets = tuple(Target(*element_of(name), span.draw) for name, span in table.items())
+        axes.append(Axis(targets, max(span.points for span in table.values())))
+    taken = {target.leaf for _, target in targets_of(axes)}
     if settings.ensemble:
         for name in sorted(set(config.ensemble.draws) - taken):
             shape = np.shape(get(config.scenario, name))
@@ -181,10 +187,6 @@ def design(config: Config) -> Design:
             axes += [Axis((Target(name, i, config.ensemble.draws[name]),), 0) for i in elements]
     grid, sampled = (tuple(a for a in axes if bool(a.points) is whole) for whole in (True, False))
     return Design(config.controller, config.scenario, grid, sampled, settings.design, settings.samples, config.seed)
-
-
-def _points_of(table: Mapping[str, Span]) -> int:
-    return next(iter(table.values())).points
 
 
 def element_of(name: str) -> tuple[str, int | None]:
@@ -208,15 +210,10 @@ def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: in
 
 @functools.lru_cache(2)
 def _table(method: str, width: int, base: int, seed: int) -> np.ndarray:
-    """A design that is made as a whole."""
+    """A design that is made as a whole; by SALib for Sobol indices (Saltelli's scheme) or for Morris' screening."""
     if method == "latin":
         random: Any = {"seed": np.random.default_rng(seed)}  # `rng` since SciPy 1.15, which takes either
         return qmc.LatinHypercube(width, **random).random(base)
-    return sensitivity_points(method, width, base, seed)
-
-
-def sensitivity_points(method: str, width: int, base: int, seed: int) -> np.ndarray:
-    """SALib's samples for Sobol indices (Saltelli's scheme, first and total order) or for Morris' screening."""
     from SALib.sample import morris, sobol  # an extra, and slow to import
 
     problem = unit_problem([f"x{i}" for i in range(width)])

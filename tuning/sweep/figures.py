@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -25,28 +26,33 @@ MAPS = 4  # controllers beside each other in a figure
 def every(
     results: Results, bounds: Mapping[str, float], which: np.ndarray, indices: Mapping[str, Mapping[str, list[Index]]]
 ) -> dict[str, Figure]:
-    """All that this design has, by name."""
-    drawn: dict[str, Figure] = {}
+    """All figures that this design has, by name."""
+    figures: dict[str, Figure] = {}
+    plan, mapped = results.design, len(_mapped(results.design))
     first, *_ = metrics = list(results.metrics)
-    if len(_mapped(results.design)) == 2:
-        drawn |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:MOST_MAPS]}
+    if mapped == 2:
+        figures |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:MOST_MAPS]}
         if which.any():
-            drawn["map_failures"] = failure_map(results, which)
+            figures["map_failures"] = failure_map(results, which)
         others = range(1, len(results.names))
-        drawn |= {f"difference_{i}_{first}": difference(results, first, which, i) for i in others}
-    if len(_mapped(results.design)) == 1 and results.design.samples > 1:
-        drawn["failures"] = failures_along(results, which)
-    drawn["cuts"] = cuts(results, metrics[:3], bounds)
-    if results.design.sampled:
-        drawn["distributions"] = distributions(results, bounds)
-    for i, found in enumerate(indices.values()):
-        if any(found.values()):
-            drawn[f"sensitivity_{i}"] = sensitivity(found, results.design.method)
-    return drawn
+        figures |= {f"difference_{i}_{first}": difference(results, first, which, i) for i in others}
+    if mapped == 1 and plan.samples > 1:
+        figures["failures"] = failures_along(results, which)
+    figures["cuts"] = cuts(results, metrics[:3], bounds)
+    if plan.sampled:
+        figures["distributions"] = distributions(results, bounds)
+    for i, of_metric in enumerate(indices.values()):
+        if any(of_metric.values()):
+            figures[f"sensitivity_{i}"] = sensitivity(of_metric, plan.method)
+    return figures
+
+
+def _with_unit(metric: str) -> str:
+    return f"{metric} [{METRICS[metric].unit}]"
 
 
 def label(plan: Design, axis: Axis) -> str:
-    """Of an axis: its first leaf and unit, and what moves with it."""
+    """What is written along an axis: its first leaf and unit, and what moves with it."""
     first, *more = axis.targets
     text = f"{first.name} [{plan.unit(first.leaf)}]"
     return text + "".join(f"\nwith {target.name}" for target in more)
@@ -61,8 +67,7 @@ def scale(plan: Design, axis: Axis, places: Any = None) -> tuple[np.ndarray, flo
 
 def _on_map(results: Results, values: np.ndarray, how: Any) -> np.ndarray:
     """Values (N,) on the two axes of a map, over all else."""
-    plan = results.design
-    whole = np.moveaxis(values.reshape(*plan.shape, plan.samples), _mapped(plan), (0, 1))
+    whole = np.moveaxis(results.design.whole(values), _mapped(results.design), (0, 1))
     return how(whole.reshape(*whole.shape[:2], -1), axis=-1)
 
 
@@ -71,65 +76,68 @@ def _mapped(plan: Design) -> tuple[int, ...]:
     return tuple(i for i, axis in enumerate(plan.grid) if axis.points > 1)[:2]
 
 
-def _panel(axes: Any, results: Results, picture: np.ndarray, bad: np.ndarray, norm: Any, colours: str) -> Any:
+def _panel(axes: Axes, results: Results, picture: np.ndarray, bad: np.ndarray, norm: Any, colours: str) -> None:
     """One map: the picture, where something fails, and nominal."""
     plan = results.design
     first, second = (plan.grid[i] for i in _mapped(plan))
     (x, x0), (y, y0) = scale(plan, first), scale(plan, second)
     shown = np.where(np.isfinite(picture), picture, np.nan)
-    drawn = axes.pcolormesh(x, y, shown.T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
+    axes.pcolormesh(x, y, shown.T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
     axes.set_facecolor("0.25")  # where every run diverged
     if bad.any() and not bad.all():
         axes.contour(x, y, bad.T.astype(float), levels=[0.5], colors="red", linewidths=1.5)
     axes.plot(x0, y0, "*", ms=12, mfc="white", mec="black")
     axes.set(xlabel=label(plan, first), ylabel=label(plan, second))
-    return drawn
+
+
+def _maps(
+    results: Results, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], norm: Any, colours: str, **bar: Any
+) -> Figure:
+    """Maps beside each other with one colour bar: of each, by its title, the picture and where something fails."""
+    figure = Figure(figsize=(4.6 * len(maps) + 1, 4.2), layout="constrained")
+    panels = np.ravel(figure.subplots(1, len(maps), squeeze=False))
+    for axes, (title, (picture, bad)) in zip(panels, maps.items(), strict=True):
+        _panel(axes, results, picture, bad, norm, colours)
+        axes.set_title(title, fontsize=10)
+    figure.colorbar(ScalarMappable(norm, colours), ax=panels, **bar)
+    return figure
 
 
 def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
     """Mean of a metric over the samples, on the first two axes; red: beyond it some run fails; star: nominal."""
-    pictures = [_on_map(results, values, _finite_mean) for values in results.metrics[metric][:MAPS]]
-    finite = np.concatenate([p[np.isfinite(p)] for p in pictures])
+    pictures = {}
+    for name, values, failed in zip(results.names[:MAPS], results.metrics[metric], which, strict=False):
+        bad = _on_map(results, failed, np.any)
+        some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
+        pictures[name + some] = _on_map(results, values, _finite_mean), bad
+    finite = np.concatenate([picture[np.isfinite(picture)] for picture, _ in pictures.values()])
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
     high = max(high, low + 1e-3 * abs(low) + 1e-12)  # also of a metric that is the same everywhere
     norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
-    figure = Figure(figsize=(4.6 * len(pictures) + 1, 4.2), layout="constrained")
-    panels = np.ravel(figure.subplots(1, len(pictures), squeeze=False))
-    for i, (axes, picture) in enumerate(zip(panels, pictures, strict=True)):
-        bad = _on_map(results, which[i], np.any)
-        _panel(axes, results, picture, bad, norm, "viridis")
-        some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
-        axes.set_title(results.names[i] + some, fontsize=10)
-    figure.colorbar(
-        ScalarMappable(norm, "viridis"), ax=panels, label=f"{metric} [{METRICS[metric].unit}]", extend="max"
-    )
-    return figure
+    return _maps(results, pictures, norm, "viridis", label=_with_unit(metric), extend="max")
 
 
 def failure_map(results: Results, which: np.ndarray) -> Figure:
     """Share of the runs that fail, on the first two axes."""
-    figure = Figure(figsize=(4.6 * len(which[:MAPS]) + 1, 4.2), layout="constrained")
-    panels = np.ravel(figure.subplots(1, len(which[:MAPS]), squeeze=False))
-    for i, axes in enumerate(panels):
-        share = _on_map(results, which[i], np.mean)
-        _panel(axes, results, share, share > 0, Normalize(0, 1), "magma")
-        axes.set_title(results.names[i], fontsize=10)
-    figure.colorbar(ScalarMappable(Normalize(0, 1), "magma"), ax=panels, label="share of runs that fail")
-    return figure
+    shares = {name: _on_map(results, bad, np.mean) for name, bad in zip(results.names[:MAPS], which, strict=False)}
+    pictures = {name: (share, share > 0) for name, share in shares.items()}
+    return _maps(results, pictures, Normalize(0, 1), "magma", label="share of runs that fail")
 
 
 def failures_along(results: Results, which: np.ndarray) -> Figure:
     """Probability of failure along the one axis of a grid, over its samples, with the 95 % interval of each point."""
     plan = results.design
-    axis = plan.grid[_mapped(plan)[0]]
+    (place,) = _mapped(plan)
+    axis = plan.grid[place]
+    x, nominal = scale(plan, axis)
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for i, (name, bad) in enumerate(zip(results.names, which, strict=True)):
-        each = np.moveaxis(bad.reshape(*plan.shape, plan.samples), _mapped(plan)[0], 0).reshape(axis.points, -1)
+        each = np.moveaxis(plan.whole(bad), place, 0).reshape(axis.points, -1)
         ends = np.array([interval(int(row.sum()), row.size) for row in each])
-        axes.fill_between(scale(plan, axis)[0], ends[:, 0], ends[:, 1], color=f"C{i % 10}", alpha=0.25, lw=0)
-        axes.plot(scale(plan, axis)[0], each.mean(axis=1), color=f"C{i % 10}", label=name)
-    axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8)
+        axes.fill_between(x, ends[:, 0], ends[:, 1], color=f"C{i}", alpha=0.25, lw=0)
+        axes.plot(x, each.mean(axis=1), color=f"C{i}", label=name)
+    axes.axvline(nominal, color="0.6", lw=0.8)
     axes.set(xlabel=label(plan, axis), ylabel="share that fails, 95 % interval")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.25)
@@ -141,15 +149,12 @@ def difference(results: Results, metric: str, which: np.ndarray, other: int) -> 
     first, second = (_on_map(results, results.metrics[metric][i], _finite_mean) for i in (0, other))
     with np.errstate(invalid="ignore"):
         change = 100 * (second / first - 1)
-    figure = Figure(figsize=(5.8, 4.2), layout="constrained")
-    axes = figure.subplots()
-    bad = _on_map(results, which[0] | which[other], np.any)
     finite = np.abs(change[np.isfinite(change)])
     reach = max(float(np.quantile(finite, 0.98)), 1e-9) if finite.size else 1.0
-    drawn = _panel(axes, results, change, bad, CenteredNorm(0.0, reach), "RdBu_r")
-    figure.colorbar(drawn, ax=axes, label=f"change of {metric} [%]", extend="both")
-    axes.set_title(f"{results.names[other]} against {results.names[0]}", fontsize=10)
-    return figure
+    title = f"{results.names[other]} against {results.names[0]}"
+    pictures = {title: (change, _on_map(results, which[0] | which[other], np.any))}
+    norm = CenteredNorm(0.0, reach)
+    return _maps(results, pictures, norm, "RdBu_r", label=f"change of {metric} [%]", extend="both")
 
 
 def _finite_mean(values: np.ndarray, axis: int) -> np.ndarray:
@@ -161,26 +166,26 @@ def _finite_mean(values: np.ndarray, axis: int) -> np.ndarray:
 
 def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) -> Figure:
     """Metrics along every axis: median, the band of 90 % and the worst over all else."""
-    plan, colours = results.design, [f"C{i}" for i in range(10)]
+    plan = results.design
     shares = plan.shares(0, plan.size)
     every = _telling(results, metrics[0], shares)
     figure = Figure(figsize=(max(3.6 * len(every) + 0.6, 6.4), 2.9 * len(metrics) + 0.5), layout="constrained")
     panels = figure.subplots(len(metrics), len(every), squeeze=False)
     for row, metric in zip(panels, metrics, strict=True):
         for axes, (place, axis) in zip(row, every, strict=True):
-            axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
             for i, name in enumerate(results.names):
-                at, found = cut(results, results.metrics[metric][i], place, shares)
-                found = np.where(np.isfinite(found), found, np.nan)
+                at, statistics = cut(results, results.metrics[metric][i], place, shares)
+                low, median, high, largest = np.where(np.isfinite(statistics), statistics, np.nan).T
                 x, _ = scale(plan, axis, at)
-                axes.fill_between(x, found[:, 0], found[:, 2], color=colours[i % 10], alpha=0.2, lw=0)
-                axes.plot(x, found[:, 1], color=colours[i % 10], lw=1.4, label=name)
-                axes.plot(x, found[:, 3], color=colours[i % 10], lw=0.8, ls=":")
+                axes.fill_between(x, low, high, color=f"C{i}", alpha=0.2, lw=0)
+                axes.plot(x, median, color=f"C{i}", lw=1.4, label=name)
+                axes.plot(x, largest, color=f"C{i}", lw=0.8, ls=":")
+            axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
             if metric in bounds:
                 axes.axhline(bounds[metric], color="red", lw=0.8)
             axes.grid(alpha=0.25)
             axes.set_xlabel(label(plan, axis), fontsize=8)
-        row[0].set_ylabel(f"{metric} [{METRICS[metric].unit}]", fontsize=9)
+        row[0].set_ylabel(_with_unit(metric), fontsize=9)
     panels[0][0].legend(fontsize=7)
     figure.suptitle("median, 90 % band and worst (dotted) over all else; grey: nominal; red: failure", fontsize=9)
     return figure
@@ -194,38 +199,36 @@ def _telling(results: Results, metric: str, shares: np.ndarray) -> list[tuple[in
         middle = cut(results, results.metrics[metric][0], place, shares)[1][:, 1]
         return -float(np.ptp(middle)) if np.all(np.isfinite(middle)) else -np.inf
 
-    first, every = range(len(plan.grid)), (*plan.grid, *plan.sampled)
-    rest = sorted(range(len(plan.grid), len(every)), key=swing)
-    return [(place, every[place]) for place in (*first, *rest)][:CUTS]
+    axes = list(enumerate((*plan.grid, *plan.sampled)))
+    count = len(plan.grid)
+    return [*axes[:count], *sorted(axes[count:], key=lambda numbered: swing(numbered[0]))][:CUTS]
 
 
 def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
     """Share of the runs beyond a value, for every metric and controller."""
-    metrics = list(results.metrics)
-    figure = Figure(figsize=(3.6 * min(3, len(metrics)) + 0.4, 2.8 * -(-len(metrics) // 3)), layout="constrained")
-    panels = np.ravel(figure.subplots(-(-len(metrics) // 3), min(3, len(metrics)), squeeze=False))
-    for axes, metric in zip(panels, metrics, strict=False):
-        for i, name in enumerate(results.names):
-            values = np.sort(results.metrics[metric][i])
-            shown = np.unique(np.linspace(0, values.size - 1, 2000).astype(int))
-            beyond = 1 - shown / values.size
-            finite = np.isfinite(values[shown])
-            axes.semilogy(values[shown][finite], beyond[finite], lw=1.3, color=f"C{i % 10}", label=name)
+    columns, rows = min(3, len(results.metrics)), -(-len(results.metrics) // 3)
+    figure = Figure(figsize=(3.6 * columns + 0.4, 2.8 * rows), layout="constrained")
+    panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
+    for axes, (metric, of_each) in zip(panels, results.metrics.items(), strict=False):
+        for name, values in zip(results.names, np.sort(of_each), strict=True):
+            places = np.unique(np.linspace(0, values.size - 1, 2000).astype(int))
+            places = places[np.isfinite(values[places])]
+            axes.semilogy(values[places], 1 - places / values.size, lw=1.3, label=name)
         if metric in bounds:
             axes.axvline(bounds[metric], color="red", lw=0.8)
-        axes.set(xlabel=f"{metric} [{METRICS[metric].unit}]")
+        axes.set(xlabel=_with_unit(metric))
         axes.grid(alpha=0.25)
-    for axes in panels[len(metrics) :]:
+    for axes in panels[len(results.metrics) :]:
         axes.set_visible(False)
     panels[0].legend(fontsize=7)
     panels[0].set_ylabel("share of runs beyond")
     return figure
 
 
-def sensitivity(found: Mapping[str, list[Index]], method: str) -> Figure:
+def sensitivity(of_metric: Mapping[str, list[Index]], method: str) -> Figure:
     """Indices of every metric: bars of first and total order, or mean and spread of the elementary effects."""
     names = {"saltelli": ("first order", "total"), "morris": ("mean |effect|", "its standard deviation")}[method]
-    rows = [(metric, indices) for metric, indices in found.items() if indices]
+    rows = [(metric, indices) for metric, indices in of_metric.items() if indices]
     count = max(len(indices) for _, indices in rows)
     figure = Figure(figsize=(4.0 * len(rows), 0.32 * count + 1.3), layout="constrained")
     panels = np.ravel(figure.subplots(1, len(rows), squeeze=False, sharey=True))
@@ -235,7 +238,7 @@ def sensitivity(found: Mapping[str, list[Index]], method: str) -> Figure:
         errors = None if method == "morris" else [x.total_error for x in indices]
         axes.barh(place - 0.2, [x.total for x in indices], 0.38, xerr=errors, label=names[1])
         axes.set_yticks(place, [x.axis for x in indices], fontsize=7)
-        axes.set_title(metric if method == "saltelli" else f"{metric} [{METRICS[metric].unit}]", fontsize=9)
+        axes.set_title(metric if method == "saltelli" else _with_unit(metric), fontsize=9)
         axes.grid(alpha=0.25, axis="x")
     panels[0].legend(fontsize=7)
     return figure

@@ -19,7 +19,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 
 
 class Failures(NamedTuple):
-    """Of one controller."""
+    """How many runs of one controller failed, and what that says of the probability."""
 
     failed: int
     runs: int
@@ -52,18 +52,14 @@ def failed(results: Results, bounds: Mapping[str, float]) -> np.ndarray:
 
 def failures(results: Results, which: np.ndarray) -> list[Failures]:
     """How many of every controller, and the interval in which the probability lies."""
-    found = []
-    for bad, ok in zip(which, results.ok, strict=True):
-        count, size = int(bad.sum()), bad.size
-        low, high = interval(count, size)
-        found.append(Failures(count, size, int((~ok).sum()), count / size, low, high))
-    return found
+    size, counts = which.shape[1], zip(which.sum(axis=1).tolist(), (~results.ok).sum(axis=1).tolist(), strict=True)
+    return [Failures(failed, size, diverged, failed / size, *interval(failed, size)) for failed, diverged in counts]
 
 
 def interval(count: int, size: int) -> tuple[float, float]:
     """The probability of an event seen `count` times in `size` independent tries, with a confidence of 95 %."""
-    found = binomtest(count, size).proportion_ci(CONFIDENCE, method="exact")
-    return float(found.low), float(found.high)
+    ends = binomtest(count, size).proportion_ci(CONFIDENCE, method="exact")
+    return float(ends.low), float(ends.high)
 
 
 def worst(values: np.ndarray, count: int) -> np.ndarray:
@@ -82,14 +78,11 @@ def cut(results: Results, values: np.ndarray, place: int, shares: np.ndarray) ->
     """
     plan = results.design
     if place < len(plan.grid):
-        whole = np.moveaxis(values.reshape(*plan.shape, plan.samples), place, 0)
-        groups = list(whole.reshape(plan.shape[place], -1))
-        at = plan.grid[place].places
+        groups, at = np.moveaxis(plan.whole(values), place, 0).reshape(plan.shape[place], -1), plan.grid[place].places
     else:
-        share = shares[:, place]
-        bin_of = np.minimum((share * BINS).astype(int), BINS - 1)
-        full = [b for b in range(BINS) if np.any(bin_of == b)]
-        groups, at = [values[bin_of == b] for b in full], (np.array(full) + 0.5) / BINS
+        bin_of = np.minimum((shares[:, place] * BINS).astype(int), BINS - 1)
+        full = np.unique(bin_of)
+        groups, at = [values[bin_of == b] for b in full], (full + 0.5) / BINS
     rows = [[*np.quantile(group, QUANTILES, method="nearest"), group.max()] for group in groups]
     return at, np.array(rows)
 
@@ -111,10 +104,10 @@ def indices(method: str, axes: tuple[Axis, ...], plan: Design, values: np.ndarra
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of pandas, and of a metric that does not vary: its indices are NaN
         if method == "saltelli":
-            found: Any = sobol.analyze(problem, values, calc_second_order=False, conf_level=CONFIDENCE, seed=plan.seed)
-            columns = (found["S1"], found["S1_conf"], found["ST"], found["ST_conf"])
+            table: Any = sobol.analyze(problem, values, calc_second_order=False, conf_level=CONFIDENCE, seed=plan.seed)
+            columns = (table["S1"], table["S1_conf"], table["ST"], table["ST_conf"])
         else:
             points = plan.shares(0, plan.size)
-            found = morris.analyze(problem, points, values, num_levels=LEVELS, seed=plan.seed)
-            columns = (found["mu_star"], found["mu_star_conf"], found["sigma"], np.full(len(names), np.nan))
+            table = morris.analyze(problem, points, values, num_levels=LEVELS, seed=plan.seed)
+            columns = (table["mu_star"], table["mu_star_conf"], table["sigma"], np.full(len(names), np.nan))
     return [Index(name, *map(float, row)) for name, row in zip(names, zip(*columns, strict=True), strict=True)]

@@ -59,8 +59,8 @@ def _read(name: str, config: Config, imports: Sequence[str]) -> Law:
         table = parsed(name) if Path(name).suffix == ".toml" else {"controller": name}
         return law_of(table, table_of(config)[0], imports)
     except InputError as error:
-        said = "; ".join(map(str, error.faults))
-        raise _wrong(name, f"a file of gains or the name of a law ({said})") from error
+        wrong = "; ".join(map(str, error.faults))
+        raise _wrong(name, f"a file of gains or the name of a law ({wrong})") from error
 
 
 def _wrong(name: str, rule: str) -> InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from agvjax.metric_table import METRICS
 
 from ..io.pages import grid
 from .design import SENSITIVITY
-from .findings import worst
+from .findings import QUANTILES, worst
+from .radius import Radius
 from .results import Results
 from .verdict import SweepVerdict
 
@@ -20,21 +21,12 @@ WORST = 10  # scenarios listed
 
 def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder: str) -> str:
     """The whole report."""
-    plan = results.design
-    lines = ["# Sweep", "", _what(results), "", "## Does it fail?", "", _failures(results, judged), ""]
-    lines += ["## How far may it drift?", ""]
-    lines += [*_radii(results, judged), ""] if judged.radii else []
-    lines += [judged.unmoved, ""] if judged.unmoved else []
-    lines += ["## What it looks like", ""]
-    for name in figures:
-        lines += [f"![{name.removesuffix('.png')}]({name})", ""]
-    lines += ["## The metrics", "", _metrics(results, judged), ""]
-    if any(any(rows.values()) for rows in judged.indices.values()):
-        lines += ["## What they hang on", "", *_sensitivity(results, judged), ""]
-    elif plan.method in SENSITIVITY:
-        lines += ["No sensitivities: runs diverged or did not settle, and an infinite metric has none.", ""]
-    lines += ["## The worst scenarios", "", *_worst(results, judged, folder)]
-    return "\n".join(lines) + "\n"
+    blocks = ["# Sweep", _what(results), "## Does it fail?", _failures(results, judged)]
+    blocks += ["## How far may it drift?", *_radii(results, judged)]
+    blocks += ["## What it looks like", *(f"![{name.removesuffix('.png')}]({name})" for name in figures)]
+    blocks += ["## The metrics", _metrics(results, judged), *_sensitivity(results, judged)]
+    blocks += ["## The worst scenarios", *_worst(results, judged, folder)]
+    return "\n\n".join(blocks) + "\n"
 
 
 def _what(results: Results) -> str:
@@ -49,108 +41,91 @@ def _what(results: Results) -> str:
 
 
 def _failures(results: Results, judged: SweepVerdict) -> str:
-    drawn = bool(results.design.sampled) and not results.design.grid and results.design.method not in SENSITIVITY
-    rows = []
-    for name, f in zip(results.names, judged.failures, strict=True):
-        share = f"{f.share:.4%}"
-        rows.append([name, f.failed, f.runs, f.diverged, share, *([f"{f.low:.4%} to {f.high:.4%}"] if drawn else [])])
-    header = [
-        "controller",
-        "failed",
-        "of",
-        "diverged",
-        "share",
-        *(["95 % interval of the probability"] if drawn else []),
+    plan = results.design
+    drawn = bool(plan.sampled) and not plan.grid and plan.method not in SENSITIVITY  # the share is a probability's
+    header = ["controller", "failed", "of", "diverged", "share", "95 % interval of the probability"]
+    rows = [
+        [name, f.failed, f.runs, f.diverged, f"{f.share:.4%}", f"{f.low:.4%} to {f.high:.4%}"]
+        for name, f in zip(results.names, judged.failures, strict=True)
     ]
+    shown = slice(None if drawn else -1)
     rule = ", or ".join(f"{name} passes {bound:.5g} {METRICS[name].unit}" for name, bound in judged.bounds.items())
-    relative = " (multiples are of the nominal run with the first controller)" if rule else ""
-    note = f"\n\nA run fails if it diverges{', or if ' + rule if rule else ''}{relative}."
-    if drawn and results.design.method != "random":
+    passed = f", or if {rule} (multiples are of the nominal run with the first controller)" if rule else ""
+    note = f"A run fails if it diverges{passed}."
+    if drawn and plan.method != "random":
         note += " The interval is that of independent draws; evenly spread ones are surer."
     if not drawn:
         note += " The share is that of this design, not a probability."
-    return grid(header, rows) + note
+    return f"{grid(header[shown], [row[shown] for row in rows])}\n\n{note}"
 
 
 def _radii(results: Results, judged: SweepVerdict) -> list[str]:
     lines = []
-    for name, r in zip(results.names, judged.radii, strict=True):
+    for name, r in zip(results.names, judged.radii, strict=False):  # none, or one of each controller
         if r.radius >= 1:
-            said = "nothing was found to fail anywhere in the axes' ranges"
+            text = "nothing was found to fail anywhere in the axes' ranges"
         elif r.failure == 0:
-            said = "the nominal run itself fails"
+            text = "the nominal run itself fails"
         else:
             near = ", ".join(f"{leaf} = {_shown(value)}" for leaf, value in r.scenario.items())
-            said = (
-                f"no failure was found up to {r.radius:.3g} of the way to the ends; one lies at {r.failure:.3g}: {near}"
-            )
-        lines.append(f"* {name}: {said} ({r.searches} searches, {r.samples} samples).")
-    targets = list(judged.radii[0].ends)
-    rows = [
-        [target, *(f"{r.ends[target][0]:.4g} to {r.ends[target][1]:.4g}" for r in judged.radii)] for target in targets
-    ]
-    return [*lines, "", "The box in which nothing was found to fail:", "", grid(["leaf", *results.names], rows)]
+            text = f"no failure was found up to {r.radius:.3g} of the way to the ends;"
+            text += f" one lies at {r.failure:.3g}: {near}"
+        lines.append(f"* {name}: {text} ({r.searches} searches, {r.samples} samples).")
+    blocks = [judged.unmoved] if judged.unmoved else []
+    if not lines:
+        return blocks
+    ends = [{target: f"{low:.4g} to {high:.4g}" for target, (low, high) in r.ends.items()} for r in judged.radii]
+    rows = [[target, *(each[target] for each in ends)] for target in ends[0]]
+    box = grid(["leaf", *results.names], rows)
+    return ["\n".join(lines), "The box in which nothing was found to fail:", box, *blocks]
 
 
 def _metrics(results: Results, judged: SweepVerdict) -> str:
+    header = ["metric", "unit", "controller", "nominal", "mean of those with a value", "5 %", "median", "95 %", "worst"]
     rows = []
-    for metric, values in results.metrics.items():
-        for i, name in enumerate(results.names):
-            low, middle, high = np.quantile(values[i], (0.05, 0.5, 0.95), method="nearest")
-            fine = values[i][np.isfinite(values[i])]
-            mean = float(fine.mean()) if fine.size else np.inf
-            missing = values[i].size - fine.size
-            nominal = judged.nominal[i][metric]
-            unit = METRICS[metric].unit
-            rows.append([metric, unit, name, nominal, mean, low, middle, high, float(values[i].max()), missing])
-    return grid(
-        [
-            "metric",
-            "unit",
-            "controller",
-            "nominal",
-            "mean of those with a value",
-            "5 %",
-            "median",
-            "95 %",
-            "worst",
-            "without a value (not in the mean)",
-        ],
-        [[float(x) if isinstance(x, np.floating) else x for x in row] for row in rows],
-    )
+    for metric, of_each in results.metrics.items():
+        for name, nominal, values in zip(results.names, judged.nominal, of_each, strict=True):
+            finite = values[np.isfinite(values)]
+            mean = finite.mean() if finite.size else np.inf
+            numbers = (nominal[metric], mean, *np.quantile(values, QUANTILES, method="nearest"), values.max())
+            rows.append([metric, METRICS[metric].unit, name, *map(float, numbers), values.size - finite.size])
+    return grid([*header, "without a value (not in the mean)"], rows)
 
 
 def _sensitivity(results: Results, judged: SweepVerdict) -> list[str]:
-    saltelli = results.design.method == "saltelli"
-    names = ("first order", "±", "total", "±") if saltelli else ("mean of |effect|", "±", "standard deviation")
-    lines = []
-    for controller, rows in judged.indices.items():
-        for metric, indices in rows.items():
-            if not indices:
-                lines += [f"{controller}, {metric}: none, since some runs have no finite value.", ""]
-                continue
-            table = [[x.axis, x.first, x.first_error, x.total, *([x.total_error] if saltelli else [])] for x in indices]
-            lines += [f"{controller}, {metric}:", "", grid(["axis", *names], table), ""]
-    return lines
+    method = results.design.method
+    if not any(any(of_metric.values()) for of_metric in judged.indices.values()):
+        none = "No sensitivities: runs diverged or did not settle, and an infinite metric has none."
+        return [none] if method in SENSITIVITY else []
+    names = ["axis", "first order", "±", "total", "±"]
+    if method == "morris":
+        names = ["axis", "mean of |effect|", "±", "standard deviation"]
+    blocks = ["## What they hang on"]
+    for controller, of_metric in judged.indices.items():
+        for metric, indices in of_metric.items():
+            if indices:
+                blocks += [f"{controller}, {metric}:", grid(names, [index[: len(names)] for index in indices])]
+            else:
+                blocks.append(f"{controller}, {metric}: none, since some runs have no finite value.")
+    return blocks
+
+
+def _listed(results: Results, judged: SweepVerdict) -> tuple[str, list[np.ndarray]]:
+    """The metric by which scenarios are listed, and by controller the numbers of those where it is largest."""
+    metric = next(iter(judged.bounds or results.metrics))
+    return metric, [worst(values, WORST) for values in results.metrics[metric]]
 
 
 def _worst(results: Results, judged: SweepVerdict, folder: str) -> list[str]:
-    metric = next(iter(judged.bounds), next(iter(results.metrics)))
-    lines, leaves = [], list(results.leaves)
-    for i, name in enumerate(results.names):
-        values = results.metrics[metric][i]
+    (metric, listed), blocks = _listed(results, judged), []
+    for i, (name, numbers) in enumerate(zip(results.names, listed, strict=True)):
         rows = [
-            [
-                int(n),
-                float(values[n]),
-                "yes" if judged.which[i, n] else "no",
-                *(_shown(results.leaves[x][n]) for x in leaves),
-            ]
-            for n in worst(values, WORST)
+            [n, float(results.metrics[metric][i, n]), "yes" if judged.which[i, n] else "no"]
+            + [_shown(value[n]) for value in results.leaves.values()]
+            for n in numbers
         ]
-        lines += [f"{name}, by {metric}:", "", grid(["index", metric, "failed", *leaves], rows), ""]
-    number = int(worst(results.metrics[metric][0], 1)[0])
-    return [*lines, f"`agvjax simulate --from {folder} --index {number}` rolls one out again."]
+        blocks += [f"{name}, by {metric}:", grid(["index", metric, "failed", *results.leaves], rows)]
+    return [*blocks, f"`agvjax simulate --from {folder} --index {listed[0][0]}` rolls one out again."]
 
 
 def _shown(value: Any) -> str:
@@ -159,20 +134,19 @@ def _shown(value: Any) -> str:
 
 def as_json(results: Results, judged: SweepVerdict) -> dict[str, Any]:
     """`findings.json`."""
-    metric = next(iter(judged.bounds), next(iter(results.metrics)))
+    listed = _listed(results, judged)[1]
     return {
         name: {
             "nominal": judged.nominal[i],
             "bounds": judged.bounds,
             **judged.failures[i]._asdict(),
-            "worst": [int(n) for n in worst(results.metrics[metric][i], WORST)],
-            "radius": _plain(judged.radii[i]._asdict()) if judged.radii else None,
+            "worst": listed[i].tolist(),
+            "radius": _plain(judged.radii[i]) if judged.radii else None,
             "indices": {m: [x._asdict() for x in rows] for m, rows in judged.indices.get(name, {}).items()},
         }
         for i, name in enumerate(results.names)
     }
 
 
-def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
-    scenario = {name: np.asarray(value).tolist() for name, value in table["scenario"].items()}
-    return {**table, "scenario": scenario}
+def _plain(radius: Radius) -> dict[str, Any]:
+    return radius._asdict() | {"scenario": {name: np.asarray(x).tolist() for name, x in radius.scenario.items()}}

@@ -18,7 +18,7 @@ import agvjax
 from ..config.settings import Config
 from ..ensemble.draws import Between
 from ..ensemble.worst import Adversary
-from .design import LAW, Axis, Design, Target
+from .design import LAW, Axis, Design, Target, targets_of
 from .results import Results
 
 CLOSE, LEAST = 0.01, 1e-3  # between the box that stands and the failure next to it: a share of it, at least so much
@@ -26,7 +26,7 @@ BLOCK = 64  # scenarios rolled out together, each with its tangents
 
 
 class Radius(NamedTuple):
-    """Of one controller."""
+    """How far one controller keeps all bounds, and the nearest failure that was met."""
 
     radius: float  # nothing was found to fail within; 1: in the whole of every axis; 0: the nominal run fails
     failure: float | None  # how far out the nearest failure lies that was found
@@ -58,28 +58,27 @@ class Reach(NamedTuple):
 
     def leaves(self, moves: Any) -> dict[str, Any]:
         """Leaves of B scenarios moved from nominal by (B, axes), each from -1 to 1."""
-        names = dict.fromkeys(t.leaf for axis in self.axes for t in axis.targets)
-        made = {leaf: jnp.broadcast_to(x, (len(moves), *x.shape)) for leaf in names for x in [self.plan.nominal(leaf)]}
-        made = {leaf: jnp.asarray(x, moves.dtype) for leaf, x in made.items()}
-        for i, axis in enumerate(self.axes):
-            for target in axis.targets:
-                low, nominal, high = (jnp.asarray(x, moves.dtype) for x in self.ends(target))
-                move = moves[:, i].reshape(-1, *[1] * nominal.ndim)
-                value = nominal + jnp.maximum(move, 0) * (high - nominal) + jnp.minimum(move, 0) * (nominal - low)
-                whole = target.element is None
-                made[target.leaf] = value if whole else made[target.leaf].at[:, target.element].set(value)
-        return made
+        leaves: dict[str, Any] = {}
+        for axis, target in targets_of(self.axes):
+            low, nominal, high = (jnp.asarray(x, moves.dtype) for x in self.ends(target))
+            move = moves[:, self.axes.index(axis)].reshape(-1, *[1] * nominal.ndim)
+            value = nominal + jnp.maximum(move, 0) * (high - nominal) + jnp.minimum(move, 0) * (nominal - low)
+            if target.element is not None:
+                whole = jnp.asarray(self.plan.nominal(target.leaf), moves.dtype)
+                whole = leaves.get(target.leaf, jnp.broadcast_to(whole, (len(moves), *whole.shape)))
+                value = whole.at[:, target.element].set(value)
+            leaves[target.leaf] = value
+        return leaves
 
     def distance(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """How far out scenarios lie, (N,): the r of the smallest box that holds them."""
         far = [np.zeros(len(next(iter(values.values()))))]
-        for axis in self.axes:
-            for target in axis.targets:
-                low, nominal, high = self.ends(target)
-                value = values[target.leaf] if target.element is None else values[target.leaf][:, target.element]
-                room = np.where(value >= nominal, high - nominal, nominal - low)
-                move = np.abs(value - nominal) / np.where(room > 0, room, 1.0)
-                far.append(move.reshape(len(move), -1).max(axis=1))
+        for _, target in targets_of(self.axes):
+            low, nominal, high = self.ends(target)
+            value = values[target.leaf] if target.element is None else values[target.leaf][:, target.element]
+            room = np.where(value >= nominal, high - nominal, nominal - low)
+            move = np.abs(value - nominal) / np.where(room > 0, room, 1.0)
+            far.append(move.reshape(len(move), -1).max(axis=1))
         return np.max(far, axis=0)
 
 
@@ -121,32 +120,27 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
         law: the controller.
         seeker: from `adversary`, for the bounds that `which` was found with.
     """
-    reach, law, rounds = Reach.of(results.design), agvjax.check(law), 0
-    still = _with_nominal(results, reach)
-    distance = np.where(still, reach.distance(results.leaves), np.inf)
-    near = which & still & (distance <= 1)  # a distribution draws beyond the ends too
-    known = distance[near]
-    high = float(known.min()) if known.size else np.inf
-    nearest = {}
-    if known.size:
-        number = int(np.argmin(np.where(near, distance, np.inf)))
-        nearest = {name: np.asarray(x[number]) for name, x in results.leaves.items()}
-    searches, low, stood = 0, 0.0, 0
+    reach, law = Reach.of(results.design), agvjax.check(law)
+    distance = np.where(_with_nominal(results, reach), reach.distance(results.leaves), np.inf)
+    near = np.where(which & (distance <= 1), distance, np.inf)  # a distribution draws beyond the ends too
+    number = int(np.argmin(near))
+    high, nearest = float(near[number]), {name: np.asarray(x[number]) for name, x in results.leaves.items()}
+    rounds, searches, low, stood = 0, 0, 0.0, 0
 
     def seek(r: float) -> tuple[float, dict[str, Any]] | None:
-        """The failure found in the box of r, if there is one, and how far out it lies."""
+        """The failure in the box of r that the search meets, if there is one, and how far out it lies."""
         nonlocal rounds, searches, stood
-        found = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
+        worst = seeker.search((law, jnp.asarray(r, jnp.result_type(float))), rounds)
         rounds += 1
-        searches += sum(f.searches for f in found)
-        bad = [f for f in found if not f.value <= 1]
-        if not bad:
+        searches += sum(scenario.searches for scenario in worst)
+        failures = [scenario for scenario in worst if not scenario.value <= 1]
+        if not failures:
             stood += 1
             return None
-        moves = [np.array([f.scenario[label] for label in seeker.scenario]) for f in bad]
-        first = int(np.argmin([np.abs(move).max() for move in moves]))
-        leaves = {name: np.asarray(x)[0] for name, x in reach.leaves(jnp.asarray(r * moves[first])[None]).items()}
-        return float(r * np.abs(moves[first]).max()), leaves
+        moves = [np.array([failure.scenario[label] for label in seeker.scenario]) for failure in failures]
+        move = min(moves, key=lambda move: np.abs(move).max())
+        leaves = {name: np.asarray(x)[0] for name, x in reach.leaves(jnp.asarray(r * move)[None]).items()}
+        return float(r * np.abs(move).max()), leaves
 
     if (at := seek(0.0)) is not None:
         high, nearest = at
@@ -156,14 +150,17 @@ def radius(results: Results, which: np.ndarray, law: Any, seeker: Adversary) -> 
             low = middle
         elif at[0] < high:
             high, nearest = at
-    inside = int((still & (distance <= low)).sum()) + stood * seeker.settings.scouts
-    ends = {k: v for axis in reach.axes for t in axis.targets for k, v in _spans(t, reach.ends(t), low).items()}
-    return Radius(low, high if np.isfinite(high) else None, nearest, searches, inside, ends)
+    inside = int((distance <= low).sum()) + stood * seeker.settings.scouts
+    ends: dict[str, tuple[float, float]] = {}
+    for _, target in targets_of(reach.axes):
+        ends |= _spans(target, reach.ends(target), low)
+    failure, nearest = (high, nearest) if np.isfinite(high) else (None, {})
+    return Radius(low, failure, nearest, searches, inside, ends)
 
 
 def _with_nominal(results: Results, reach: Reach) -> np.ndarray:
     """Scenarios of the sweep in which whatever cannot be moved is at its nominal value."""
-    moved = {(target.leaf, target.element) for axis in reach.axes for target in axis.targets}
+    moved = {(target.leaf, target.element) for _, target in targets_of(reach.axes)}
     same = np.ones(results.design.size, bool)
     for leaf, value in results.leaves.items():
         near = np.isclose(value, results.design.nominal(leaf)).reshape(len(value), -1)
@@ -174,8 +171,7 @@ def _with_nominal(results: Results, reach: Reach) -> np.ndarray:
 
 def _spans(target: Target, ends: tuple[np.ndarray, ...], r: float) -> dict[str, tuple[float, float]]:
     """From where to where a target may go, by its name; by element where it is an array."""
-    low, nominal, high = (np.asarray(x, float) for x in ends)
-    edges = np.stack([nominal - r * (nominal - low), nominal + r * (high - nominal)])
-    if edges.ndim == 1:
-        return {target.name: (float(edges[0]), float(edges[1]))}
-    return {f"{target.name}[{i}]": (float(a), float(b)) for i, (a, b) in enumerate(edges.T)}
+    low, nominal, high = ends
+    names = [f"{target.name}[{i}]" for i in range(nominal.size)] if nominal.ndim else [target.name]
+    edges = np.ravel(nominal - r * (nominal - low)), np.ravel(nominal + r * (high - nominal))
+    return dict(zip(names, zip(*(edge.tolist() for edge in edges), strict=True), strict=True))

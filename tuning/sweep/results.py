@@ -16,7 +16,7 @@ from agvjax.protocols import Law
 from ..config.load import resolve
 from ..config.settings import Config
 from . import shards
-from .design import Design, design
+from .design import Design, design, targets_of
 from .laws import law_of
 from .rules import faults
 from .shards import Manifest
@@ -53,7 +53,7 @@ class Results(NamedTuple):
 
     def grid(self, metric: str) -> np.ndarray:
         """A metric by controller, place in the grid, and sample: (C, *shape, samples)."""
-        return self.metrics[metric].reshape(-1, *self.design.shape, self.design.samples)
+        return self.design.whole(self.metrics[metric])
 
     def to_xarray(self) -> xarray.Dataset:
         """An `xarray.Dataset` with named dimensions; coordinates and metrics carry their unit in `attrs`.
@@ -63,31 +63,28 @@ class Results(NamedTuple):
         """
         import xarray
 
-        plan, shape = self.design, (*self.design.shape, self.design.samples)
+        plan = self.design
         dims = (*(axis.targets[0].name for axis in plan.grid), "sample")
         data = {
-            name: (("controller", *dims), values.reshape(-1, *shape), {"units": self.manifest.metrics[name]})
+            name: (("controller", *dims), plan.whole(values), {"units": self.manifest.metrics[name]})
             for name, values in self.metrics.items()
         }
-        data["ok"] = (("controller", *dims), self.ok.reshape(-1, *shape), {"units": "1"})
+        data["ok"] = (("controller", *dims), plan.whole(self.ok), {"units": "1"})
         coordinates: dict[str, Any] = {"controller": list(self.names)}
         # a dimension has the name of its first leaf; what moves with it are coordinates along it
-        for axis in plan.grid:
-            for target in axis.targets:
-                values = plan.value(target, axis.places)
-                dim, units = axis.targets[0].name, {"units": plan.unit(target.leaf)}
-                if values.ndim > 1:  # of an array leaf all elements, and the first to go by
-                    coordinates[f"{target.name}_values"] = ((dim, f"{target.name}_element"), values, units)
-                coordinates[target.name] = (dim, values.reshape(len(values), -1)[:, 0], units)
-        for leaf in dict.fromkeys(target.leaf for axis in plan.sampled for target in axis.targets):
-            values = self.leaves[leaf][: plan.samples]  # the same at every node
-            units = {"units": plan.unit(leaf)}
-            if leaf in {target.leaf for axis in plan.grid for target in axis.targets}:  # but for elements on the grid
-                own = [t for axis in plan.sampled for t in axis.targets if t.leaf == leaf]
-                coordinates |= {t.name: ("sample", values[:, t.element], units) for t in own}
-                continue
-            extra = [f"{leaf}_element"] if values.ndim > 1 else []
-            coordinates[leaf] = (("sample", *extra), values, units)
+        for axis, target in targets_of(plan.grid):
+            values = plan.value(target, axis.places)
+            dim, units = axis.targets[0].name, {"units": plan.unit(target.leaf)}
+            if values.ndim > 1:  # of an array leaf all elements, and the first to go by
+                coordinates[f"{target.name}_values"] = ((dim, f"{target.name}_element"), values, units)
+            coordinates[target.name] = (dim, values.reshape(len(values), -1)[:, 0], units)
+        on_grid = {target.leaf for _, target in targets_of(plan.grid)}
+        for _, target in targets_of(plan.sampled):
+            values, units = self.leaves[target.leaf][: plan.samples], {"units": plan.unit(target.leaf)}
+            if target.leaf in on_grid:  # with another element: this one alone is the same at every node
+                coordinates[target.name] = ("sample", values[:, target.element], units)
+            else:
+                coordinates[target.leaf] = (("sample", f"{target.leaf}_element")[: values.ndim], values, units)
         about = {"seed": self.manifest.seed, "digest": self.manifest.digest, "config": self.manifest.config}
         return xarray.Dataset(data, coordinates, about)
 

@@ -32,6 +32,7 @@ FORMAT = 1
 BEAT, STALE = 20.0, 120.0  # s between signs of life of a claim, and of silence after which another takes it
 BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
+OLD_ARRAYS = {f"result/{old}": f"result/{new}" for old, new in OLD_NAMES.items()}  # in shards of earlier releases
 
 
 class Manifest(NamedTuple):
@@ -77,10 +78,8 @@ def manifest(
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """`manifest.json`; processes that begin at once write the same."""
-    files.write_json(
-        folder / MANIFEST,
-        {"format": FORMAT, **manifest._asdict(), "shards": [manifest.span(i) for i in range(manifest.shards)]},
-    )
+    spans = [manifest.span(i) for i in range(manifest.shards)]
+    files.write_json(folder / MANIFEST, {"format": FORMAT, **manifest._asdict(), "shards": spans})
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -100,18 +99,17 @@ def read_manifest(folder: Path) -> Manifest:
         raise ValueError(f"{folder} holds no sweep of this release ({type(error).__name__}: {error})") from error
 
 
-def taken_up(before: Manifest, made: Manifest) -> Manifest:
+def taken_up(before: Manifest, asked: Manifest) -> Manifest:
     """The manifest to go on with where one lies already, perhaps of an earlier release, whose shards have its digest.
 
     Raises:
         ValueError: it is that of another sweep; the message says what differs.
     """
-    if before.digest != made.digest:
-        laws = before.names != made.names or any(map(difference, before.controllers, made.controllers))
-        changed = difference(before.config, made.config) or ("a controller's gains" if laws else "")
-        if changed:
+    if before.digest != asked.digest:
+        laws = before.names != asked.names or any(map(difference, before.controllers, asked.controllers))
+        if changed := difference(before.config, asked.config) or ("a controller's gains" if laws else ""):
             raise ValueError(changed)
-    return made._replace(digest=before.digest)
+    return asked._replace(digest=before.digest)
 
 
 def path_of(folder: Path, shard: int) -> Path:
@@ -134,19 +132,12 @@ def read_shard(folder: Path, manifest: Manifest, shard: int) -> dict[str, np.nda
     """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
-            arrays = {_present(name): file[name] for name in file}  # zip knows a checksum of each
-        wanted = {"digest": manifest.digest, "first": manifest.span(shard)[0], "count": manifest.span(shard)[1]}
-        fits = all(arrays.pop(name) == value for name, value in wanted.items())
+            arrays = {OLD_ARRAYS.get(name, str(name)): file[name] for name in file}  # zip knows a checksum of each
+        about = tuple(arrays.pop(name) for name in ("digest", "first", "count"))
         names = {"result/ok", *(f"result/{n}" for n in manifest.metrics), *(f"leaf/{n}" for n in manifest.leaves)}
-        return arrays if fits and names == set(arrays) else None
+        return arrays if about == (manifest.digest, *manifest.span(shard)) and names == set(arrays) else None
     except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         return None
-
-
-def _present(name: str) -> str:
-    """The name of an array in a shard, its metric by the present name."""
-    kind, slash, metric = name.partition("/")
-    return f"result/{OLD_NAMES.get(metric, metric)}" if kind == "result" and slash else name
 
 
 class Claim:
@@ -170,7 +161,7 @@ class Claim:
         return True
 
     def release(self) -> None:
-        """Let go."""
+        """Give the claim back."""
         self._done.set()
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
@@ -203,11 +194,11 @@ def _alive(process: int) -> bool:
 def locked(folder: Path, name: str) -> Iterator[bool]:
     """Whether this process has the claim now; it is given back in the end."""
     claim = Claim(folder, name)
-    mine = claim.take()
+    ours = claim.take()
     try:
-        yield mine
+        yield ours
     finally:
-        if mine:
+        if ours:
             claim.release()
 
 

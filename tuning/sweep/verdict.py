@@ -21,7 +21,7 @@ from .work import Judge
 
 
 class SweepVerdict(NamedTuple):
-    """Besides the results themselves."""
+    """What the results of a sweep show, of every controller."""
 
     nominal: list[dict[str, float]]  # metrics of the nominal run, of every controller
     bounds: dict[str, float]  # beyond which a run has failed
@@ -41,23 +41,25 @@ def judge(config: Config, results: Results, laws: Mapping[str, Law], judges: Seq
         laws: its controllers.
         judges: what judged them.
     """
-    size = results.manifest.block
-    nominal = [_nominal(results.design, judge, size) for judge in judges]
-    bounds = bounds_of(config, results.design, judges[0], size)
+    plan, size = results.design, results.manifest.block
+    bounds = bounds_of(config, plan, judges[0], size)
     which = findings.failed(results, bounds)
+    reach, radii = radius.Reach.of(plan), []
+    if config.sweep.radius and bounds and reach.axes:
+        seeker = radius.adversary(config, plan, bounds)
+        radii = [radius.radius(results, failed, law, seeker) for failed, law in zip(which, laws.values(), strict=True)]
     return SweepVerdict(
-        nominal=nominal,
+        nominal=[_nominal(plan, judge, size) for judge in judges],
         bounds=bounds,
         which=which,
         failures=findings.failures(results, which),
         indices=_indices(results),
-        radii=_radii(config, results, which, bounds, laws),
-        unmoved=_unmoved(config, results),
+        radii=radii,
+        unmoved=_unmoved(config, reach),
     )
 
 
-def _unmoved(config: Config, results: Results) -> str:
-    reach = radius.Reach.of(results.design)
+def _unmoved(config: Config, reach: radius.Reach) -> str:
     if not config.sweep.radius:
         return "Not asked for."
     if not config.sweep.fails:
@@ -77,7 +79,7 @@ def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str
     bad = [
         Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}")
         for name, bound in config.sweep.fails.items()
-        if not bound.absolute and not (np.isfinite(nominal[name]) and nominal[name] > 0)
+        if not bound.absolute and not 0 < nominal[name] < np.inf
     ]
     if bad:
         raise InputError(bad)
@@ -99,13 +101,3 @@ def _indices(results: Results) -> dict[str, dict[str, list[Index]]]:
         name: {metric: findings.sensitivity(results, values[i]) for metric, values in results.metrics.items()}
         for i, name in enumerate(results.names)
     }
-
-
-def _radii(
-    config: Config, results: Results, which: np.ndarray, bounds: Mapping[str, float], laws: Mapping[str, Law]
-) -> list[Radius]:
-    """The largest boxes, where they are asked for and something can move."""
-    if not (config.sweep.radius and bounds and radius.Reach.of(results.design).axes):
-        return []
-    seeker = radius.adversary(config, results.design, bounds)
-    return [radius.radius(results, which[i], law, seeker) for i, law in enumerate(laws.values())]

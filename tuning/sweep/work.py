@@ -92,8 +92,7 @@ def planned(config: Config) -> Design:
 
 def judges(config: Config, plan: Design, laws: Sequence[Law], size: int) -> list[Judge]:
     """For every controller, what makes metrics and `ok` (size,) of the leaves of so many scenarios; compiled."""
-    values = plan.values(0, min(size, plan.size))
-    example = {name: _padded(value, size) for name, value in values.items()}
+    example = _padded(plan.values(0, min(size, plan.size)), size)
     compiled: dict[Hashable, jax.stages.Compiled] = {}
 
     def judge(law: Law, law_values: Leaves, scenario_values: Leaves) -> dict[str, Array]:
@@ -161,13 +160,14 @@ def run(
 def _compute(folder: Path, manifest: Manifest, plan: Design, every: Sequence[Judge], shard: int) -> None:
     first, count = manifest.span(shard)
     values = plan.values(first, count)
-    padded = {name: _padded(value, manifest.block) for name, value in values.items()}
+    padded = _padded(values, manifest.block)
     metrics = [{name: np.asarray(x)[:count] for name, x in judge(padded).items()} for judge in every]
     stacked = {name: np.stack([one[name] for one in metrics]) for name in metrics[0]}
     shards.write_shard(folder, manifest, shard, stacked, values)
 
 
-def _padded(value: np.ndarray, size: int) -> np.ndarray:
+def _padded(values: Mapping[str, np.ndarray], size: int) -> dict[str, np.ndarray]:
     """Filled up with copies of the first, so that one compilation serves every shard; in the run's dtype."""
-    more = np.repeat(value[:1], size - len(value), axis=0)
-    return np.concatenate([value, more]).astype(jax.numpy.result_type(float))
+    dtype = jax.numpy.result_type(float)
+    filled = {name: np.concatenate([x, np.repeat(x[:1], size - len(x), axis=0)]) for name, x in values.items()}
+    return {name: x.astype(dtype) for name, x in filled.items()}

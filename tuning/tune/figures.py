@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import agvjax
 from agvjax.draw import plot
 
+from ..io.panels import panels
 from .analysis import Findings, Standing
 from .rounds import COLUMNS, Run
 
@@ -23,8 +24,8 @@ def signed(x: float) -> str:
 def history_figure(names: Sequence[str], run: Run) -> Figure:
     """Cost, gradient norm and gains over the iterations of every round, of the best start."""
     table = np.array(run.history)
-    figure = Figure(figsize=(7.5, 7), layout="constrained")
-    cost, norm, gain = figure.subplots(3, 1, sharex=True)
+    figure, axes = panels(3, 1, (7.5, 7), sharex=True)
+    cost, norm, gain = axes[:, 0]
     lead = next(i for i, search in enumerate(run.searches) if search is run.lead)
     others = sorted({(row[0], row[1]) for row in table})
     offset = 0
@@ -52,8 +53,6 @@ def history_figure(names: Sequence[str], run: Run) -> Figure:
     norm.set(ylabel="gradient norm")
     gain.set(ylabel="gain / start", xlabel="iteration")
     gain.legend(fontsize=8, ncols=4)
-    for axes in (cost, norm, gain):
-        axes.grid(alpha=0.3)
     return figure
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..io.panels import panels
 from .methods.objective import within
 from .problem import TuningProblem
 from .tuner import FEASIBLE, Progress, Tuner
@@ -73,8 +74,8 @@ def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
 
 def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: str, goal: str) -> Figure:
     """The front on scenarios not tuned on: `uses` and `errors` (P + 1, 2) are mean and worst, the last the start's."""
-    drawn = Figure(figsize=(9, 3.8), layout="constrained")
-    for axes, column, name in zip(drawn.subplots(1, 2), (0, 1), ("mean", "worst"), strict=True):
+    drawn, (places,) = panels(1, 2, (9, 3.8))
+    for column, (axes, name) in enumerate(zip(places, ("mean", "worst"), strict=True)):
         good = [i for i, p in enumerate(points) if p.met]
         axes.plot(uses[good, column], errors[good, column], "o-", ms=4, lw=1, color="tab:blue", label="tuned")
         bad = [i for i, p in enumerate(points) if not p.met]
@@ -87,7 +88,6 @@ def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: st
                 last, place = uses[i, column], (uses[i, column], errors[i, column])
                 axes.annotate(f"{points[i].factor:.3g}", place, fontsize=7, xytext=(4, 3), textcoords="offset points")
         axes.set(xlabel=f"{name} {metric}", ylabel=f"{name} {goal}")
-        axes.grid(alpha=0.3)
     drawn.axes[0].legend(fontsize=8)
     drawn.suptitle("on validation scenarios; numbers: the limit, times the starting gains'", fontsize=9)
     return drawn

@@ -6,19 +6,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import (
-    Backlash,
-    Chain,
-    Command,
-    Deadzone,
-    Delay,
-    Lag,
-    Quantisation,
-    RateLimit,
-    Saturation,
-    Scenario,
-    Unicycle,
-)
+from agvjax import Backlash, Chain, Deadzone, Delay, Lag, Quantisation, RateLimit, Saturation, Scenario, Unicycle
 from agvjax.hashed import uniform
 
 
@@ -36,7 +24,7 @@ class Played(agvjax.Law):
         u = self.signal(flow)
         zero = jnp.zeros_like(u)
         inputs = {"acceleration": u, "yaw_acceleration": zero}
-        return Command(position=jnp.stack([u, zero]), heading=zero, inputs=inputs), jnp.ones_like(u)
+        return agvjax.Command(position=jnp.stack([u, zero]), heading=zero, inputs=inputs), jnp.ones_like(u)
 
     def signal(self, t):
         return self.amplitude * jnp.sin(self.omega * t)
@@ -62,9 +50,8 @@ def test_saturation_clips_and_says_so():
     t, out, run = delivered(Chain(saturation=Saturation(upper=0.5, lower=-0.25)))
     np.testing.assert_allclose(out, np.clip(np.sin(2 * t), -0.25, 0.5), atol=1e-12)
     np.testing.assert_array_equal(run.limited, (np.sin(2 * t) > 0.5) | (np.sin(2 * t) < -0.25))
-    assert agvjax.measure(run, agvjax.Criteria(delivered=True)).limited == pytest.approx(
-        np.mean(np.asarray(run.limited)), abs=1e-3
-    )
+    limited = agvjax.measure(run, agvjax.Criteria(delivered=True)).limited
+    assert limited == pytest.approx(np.mean(np.asarray(run.limited)), abs=1e-3)
 
 
 def test_quantisation_rounds_to_the_nearest_multiple_and_has_the_slope_of_a_wire():
@@ -148,9 +135,8 @@ def test_a_chain_runs_in_its_order_and_keeps_it():
 
 
 def test_the_deadzone_comes_before_the_chain():
-    t, out, _ = delivered(
-        Chain(saturation=Saturation(upper=1.0, lower=-1.0)), Played(amplitude=3.0), threshold_right=0.5
-    )
+    stop = Chain(saturation=Saturation(upper=1.0, lower=-1.0))
+    t, out, _ = delivered(stop, Played(amplitude=3.0), threshold_right=0.5)
     u = 3 * np.sin(2 * t)
     np.testing.assert_allclose(out, np.clip(np.maximum(u - 0.5, 0) + np.minimum(u, 0), -1, 1), atol=1e-12)
 
@@ -187,10 +173,8 @@ def test_slopes_agree_with_differences(leaf, chain):
 
 
 def test_single_precision_too():
-    chain = Chain(
-        quantisation=Quantisation(), delay=Delay(jitter=0.005), backlash=Backlash(), lag=Lag(), limit=Saturation()
-    )
+    late = {"delay": Delay(jitter=0.005), "backlash": Backlash(), "lag": Lag()}
+    chain = Chain(quantisation=Quantisation(), **late, limit=Saturation())
     scenario = Scenario.of(Unicycle(), actuators={"acceleration": chain, "yaw_acceleration": chain})
     run = agvjax.simulate(Played(), scenario, dt=5e-3, n_steps=100, dtype=jnp.float32)
-    assert run.delivered.dtype == jnp.float32
-    assert np.isfinite(run.delivered).all()
+    assert run.delivered.dtype == jnp.float32 and np.isfinite(run.delivered).all()

@@ -7,9 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference as independent
-from agvjax import (
-    Deadzone,
-)
+from agvjax import Deadzone
 
 slopes = st.floats(0.01, 10)
 thresholds = st.floats(0, 5)

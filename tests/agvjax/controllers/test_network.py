@@ -3,9 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from agvjax import (
-    RadialBasis,
-)
+from agvjax import RadialBasis
 
 
 def test_network_by_hand():

@@ -27,13 +27,12 @@ WINDUP = BackCalculation(speed=0.8, limits=np.array([5.5, 9.0]))
 @pytest.mark.parametrize("law, power", [(CommandFilter(), 1), (LiteralFilter(), 2)])
 def test_the_filter_is_stepped_by_the_exponential_of_its_matrix(law, power, omega_n, zeta):
     M = np.array([[0.0, omega_n], [-(omega_n**power), -2 * zeta * omega_n]])
-    start, rest, period = np.array([0.3, -0.7]), 0.9, 0.02
-    if power == 2:
-        period = 0.002
-    exact = np.array([rest, 0]) + expm(M * period) @ (start - np.array([rest, 0])) - start
-    given = Filtered(*(jnp.array(x) for x in (*start, rest, 0.0, omega_n, zeta)))
-    found = law.over_period(given, jnp.array(period))
-    np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-12 * np.abs(exact).max())
+    start, rest, period = np.array([0.3, -0.7]), np.array([0.9, 0.0]), 0.02 if power == 1 else 0.002
+    exact = rest + expm(M * period) @ (start - rest) - start
+    filtered = Filtered(*(jnp.array(x) for x in (*start, *rest, omega_n, zeta)))
+    np.testing.assert_allclose(
+        law.over_period(filtered, jnp.array(period)), exact, rtol=1e-11, atol=1e-12 * np.abs(exact).max()
+    )
 
 
 @pytest.mark.parametrize("zeta", [0.3, 1.0, 1.05, 3.0, 50.0, 1e4])
@@ -48,8 +47,8 @@ def test_the_filter_in_single_precision_is_off_by_rounding_alone_however_damped(
 @pytest.mark.parametrize("zeta", [0.6, 1.0, 1.4])
 def test_its_slopes_agree_with_differences_at_the_damping_1_too(zeta):
     def end(z):
-        given = Filtered(*(jnp.array(x) for x in (0.3, -0.7, 0.9, 0.0, 60.0)), z)
-        return CommandFilter().over_period(given, jnp.array(0.02))[0]
+        filtered = Filtered(*(jnp.array(x) for x in (0.3, -0.7, 0.9, 0.0, 60.0)), z)
+        return CommandFilter().over_period(filtered, jnp.array(0.02))[0]
 
     difference = (end(zeta + 1e-5) - end(zeta - 1e-5)) / 2e-5
     np.testing.assert_allclose(jax.grad(end)(zeta), difference, rtol=1e-8)
@@ -69,18 +68,12 @@ def by_hand(p, *, period, horizon, h=1e-3, delay=0, top=None, speed=None, own=No
     phi = beta = None
     weight, line, inputs, places = 0.1, [np.zeros(2)] * (delay + 1), np.zeros(2), []
 
-    def path(t):
-        w = 11 / 21
-        r = np.array([np.sin(2 * w * t), np.sin(w * t)])
-        return r, np.array([2 * w * np.cos(2 * w * t), w * np.cos(w * t)])
-
-    def rate(t, x, given):
+    def rate(t, x, out):
         delta = 0.2 * np.cos(0.5 * t)
         c, s = np.cos(x[2]), np.sin(x[2])
         push, side = c * delta + s * delta, c * delta - s * delta
-        return np.array(
-            [x[3] * c - L * x[4] * s, x[3] * s + L * x[4] * c, x[4] + delta, given[0] + push, given[1] + side / L]
-        )
+        moves = x[3] * c - L * x[4] * s, x[3] * s + L * x[4] * c, x[4] + delta
+        return np.array([*moves, out[0] + push, out[1] + side / L])
 
     every = round(period / h)
     for i in range(round(horizon / h)):
@@ -89,7 +82,7 @@ def by_hand(p, *, period, horizon, h=1e-3, delay=0, top=None, speed=None, own=No
             c, s = np.cos(state[2]), np.sin(state[2])
             turn = np.array([[c, -s], [s, c]])
             velocity = turn @ np.array([state[3], L * state[4]])
-            r, r_rate = path(t)
+            r, r_rate, _ = reference.path(t)
             Z1 = state[:2] - r
             if phi is None:
                 phi, beta = np.array([-k1 * Z1 + r_rate, [0, 0]]), np.zeros(2)
@@ -116,17 +109,9 @@ def by_hand(p, *, period, horizon, h=1e-3, delay=0, top=None, speed=None, own=No
             line = [inputs, *line[:-1]]
         places.append(state[:2].copy())
         held = line[delay]
-        given = np.array(
-            [
-                float(reference.deadzone(held[0], 0.6, 0.8, 0.5, 0.4)),
-                float(reference.deadzone(held[1], 0.91, 0.72, 0.66, 0.53)),
-            ]
-        )
-        given = given if top is None else np.clip(given, -np.array(top), top)
-        a = rate(t, state, given)
-        b = rate(t + h / 2, state + h / 2 * a, given)
-        d = rate(t + h / 2, state + h / 2 * b, given)
-        state = state + h / 6 * (a + 2 * b + 2 * d + rate(t + h, state + h * d, given))
+        out = reference.delivered(np.array([held[0], 0.0, held[1]]), p)[[0, 2]]
+        out = out if top is None else np.clip(out, -np.array(top), top)
+        state = reference.rk4_step(lambda t, x, out=out: rate(t, x, out), t, state, h)
     return np.array([*places, state[:2]])
 
 
@@ -197,26 +182,15 @@ def test_noise_is_drawn_at_the_instants_of_the_law_and_its_size_is_the_one_asked
     # the first command is linear in the position: k2 phi1(0) and phi1' see k1 times the noise
     assert (np.asarray(quiet.inputs[0]) != np.asarray(noisy.inputs[0])).all()
     sensor = scenario.sensor
-    _, drawn = jax.lax.scan(
-        lambda held, _: (sensor.jump(held, _still(), 0.02), sensor(held, _still()).position),
-        sensor.hold(_still()),
-        length=2000,
-    )
+    zero = jnp.zeros(())
+    still = agvjax.Measurement(position=jnp.zeros(2), velocity=jnp.zeros(2), heading=zero, yaw_rate=zero)
+
+    def drawn_next(held, _):
+        return sensor.jump(held, still, 0.02), sensor(held, still).position
+
+    _, drawn = jax.lax.scan(drawn_next, sensor.hold(still), length=2000)
     np.testing.assert_allclose(np.std(drawn, axis=0), 0.01, rtol=0.06)
     assert abs(np.mean(drawn[1:] * drawn[:-1])) < 1e-5
-
-
-def _still():
-    zero = jnp.zeros(())
-    return agvjax.Measurement(position=jnp.zeros(2), velocity=jnp.zeros(2), heading=zero, yaw_rate=zero)
-
-
-def test_one_step_is_a_pure_function_of_state_and_measurement():
-    law = Sampled(vehicle=Unicycle(), anti_windup=WINDUP)
-    here = agvjax.paths.heading.reference(agvjax.Dumbbell(), None, jnp.array(0.3))
-    state = law.inner.init(_still(), here)
-    first, again = jax.jit(law.step)(state, _still(), here), law.step(state, _still(), here)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), first, again)
 
 
 @pytest.mark.slow
@@ -235,8 +209,7 @@ def test_slopes_of_the_sampled_loop_agree_with_differences():
 
 
 def test_a_period_that_is_no_whole_number_of_steps_is_refused_and_so_are_steps_between_instants():
-    found = agvjax.step_faults(Sampled(period=0.02), 3e-3, 12.0, agvjax.RK4)
-    assert [p.key for p in found] == ["dt"]
+    assert [p.key for p in agvjax.step_faults(Sampled(period=0.02), 3e-3, 12.0, agvjax.RK4)] == ["dt"]
     assert not agvjax.step_faults(Sampled(period=0.02), 5e-3, 12.0, agvjax.RK4)
     with pytest.raises(ValueError, match="control_every must be 1"):
         agvjax.simulate(Sampled(), Scenario(), n_steps=10, control_every=2)

@@ -10,11 +10,11 @@ from PIL import Image
 
 import agvjax
 from agvjax.draw import animate
+from commands import FAST, arguments
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 from tuning.io import files
 
-FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
 TURNS = 2 * np.pi / 4  # rad/s: a lap of four seconds
 
 
@@ -98,15 +98,9 @@ def test_a_heading_that_was_wrapped_is_not_turned_back():
 def test_runs_of_different_sampling_and_end_are_drawn_together():
     made = animate.animation({"fine": circling(4.0, 401), "short": circling(2.0, 51, late=0.3)}, frames_per_second=10)
     assert made.frames == 41
-    made.set(10)
-    np.testing.assert_allclose(
-        middle_and_heading(made, "short")[0], [np.cos(np.pi / 2 - 0.3), np.sin(np.pi / 2 - 0.3)], atol=1e-3
-    )
-    made.set(40)
-    np.testing.assert_allclose(middle_and_heading(made, "fine")[0], [np.cos(0.1), -np.sin(0.1)], atol=1e-3)
-    np.testing.assert_allclose(
-        middle_and_heading(made, "short")[0], [np.cos(np.pi - 0.3), np.sin(np.pi - 0.3)], atol=1e-3
-    )
+    for frame, label, angle in ((10, "short", np.pi / 2 - 0.3), (40, "fine", -0.1), (40, "short", np.pi - 0.3)):
+        made.set(frame)
+        np.testing.assert_allclose(middle_and_heading(made, label)[0], [np.cos(angle), np.sin(angle)], atol=1e-3)
 
 
 def test_every_run_is_in_the_picture_and_has_a_colour_of_its_own():
@@ -142,33 +136,28 @@ def test_a_path_without_width_is_drawn():
     assert len(read(written(made))[0]) == 6
 
 
+LOST = SimpleNamespace(**vars(circling()) | {"heading": np.full(81, np.nan)})
+
+
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("runs", "options", "said"),
     [
-        ({"seconds": 0.0}, "seconds"),
-        ({"speed": -1.0}, "speed"),
-        ({"frames_per_second": 60}, "at most 50"),
-        ({"length": np.nan}, "length"),
+        ({"run": circling()}, {"seconds": 0.0}, "seconds"),
+        ({"run": circling()}, {"speed": -1.0}, "speed"),
+        ({"run": circling()}, {"frames_per_second": 60}, "at most 50"),
+        ({"run": circling()}, {"length": np.nan}, "length"),
+        ({}, {}, "no runs"),
+        ({"run": LOST}, {}, "no sample"),
     ],
 )
-def test_what_makes_no_picture_is_refused(given, said):
+def test_what_makes_no_picture_is_refused(runs, options, said):
     with pytest.raises(ValueError, match=said):
-        animate.animation({"run": circling()}, **given)
-
-
-def test_nothing_to_draw_is_refused():
-    with pytest.raises(ValueError, match="no runs"):
-        animate.animation({})
-    lost = circling()
-    lost.heading = lost.heading * np.nan
-    with pytest.raises(ValueError, match="no sample"):
-        animate.animation({"run": lost})
+        animate.animation(runs, **options)
 
 
 def test_a_notebook_plays_it():
-    assert (
-        animate.animation({"run": circling()}, frames_per_second=2)._repr_html_().startswith('<img src="data:image/gif')
-    )
+    made = animate.animation({"run": circling()}, frames_per_second=2)
+    assert made._repr_html_().startswith('<img src="data:image/gif')
 
 
 @pytest.fixture
@@ -178,11 +167,9 @@ def command(monkeypatch, tmp_path):
     monkeypatch.setattr(agvjax, "tune_xla", lambda **_: "fast compiler options set")
 
     def call(*more):
-        settings = [x for s in FAST for x in ("--set", s)]
+        out = tmp_path / "out"
         try:
-            return cli.main(
-                ["simulate", "--animate", "--out", str(tmp_path / "out"), *settings, *more]
-            ), tmp_path / "out"
+            return cli.main(arguments("simulate", out, FAST, "--animate", *more)), out
         finally:
             jax.config.update("jax_enable_x64", True)
 

@@ -17,11 +17,16 @@ from reference import Parameters
 INTEGRATORS = {"euler": (agvjax.EULER, 1), "heun": (agvjax.HEUN, 2), "rk4": (agvjax.RK4, 4)}
 
 
+def parts(run):
+    """Vehicle and law of a trajectory in the reference's order."""
+    c = run.controller
+    law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.network.varphi, c.beta2, c.network.varphi_psi]
+    return [run.position, run.velocity, run.heading, *law]
+
+
 def packed(trajectory):
     """The trajectory's whole state in the reference's order, shape (n, 18)."""
-    r, c = trajectory, trajectory.controller
-    law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.network.varphi, c.beta2, c.network.varphi_psi]
-    return np.column_stack([np.asarray(column) for column in [r.position, r.velocity, r.heading, *law]])
+    return np.column_stack([np.asarray(column) for column in parts(trajectory)])
 
 
 @functools.cache
@@ -79,10 +84,7 @@ def test_default_lap_shows_the_commands_and_references_of_its_states(run, lap):
     np.testing.assert_allclose(run.command, commands, rtol=0, atol=1e-9)
     np.testing.assert_allclose(run.reference_position, reference.path(t)[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(run.reference_heading, reference.heading(t)[0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(run.delivered[:, :2], reference.deadzone(commands[:, :2], 0.6, 0.8, 0.5, 0.4), atol=1e-9)
-    np.testing.assert_allclose(
-        run.delivered[:, 2], reference.deadzone(commands[:, 2], 0.91, 0.72, 0.66, 0.53), atol=1e-9
-    )
+    np.testing.assert_allclose(run.delivered, reference.delivered(commands, Parameters()), atol=1e-9)
 
 
 def test_default_lap_has_the_errors_and_the_end_that_spec_states(run, lap):
@@ -110,86 +112,34 @@ def test_metrics_of_the_default_lap_are_those_of_the_reference(run, judged, by):
     np.testing.assert_allclose(metrics.total_chatter, judged["chatter"].sum(), rtol=2e-5)
 
 
-# name: controller, scenario, the reference's reading, dt, steps, how far the vehicle must differ from the default
-TANGENT = Scenario(heading=Tangent())
+# name: controller, scenario, the reference's reading; step and number of steps where they are not 2 ms and 1000
+LAW, PAPER, TANGENT = NeuroBackstepping(), Scenario(), Scenario(heading=Tangent())
+SMALL = agvjax.RadialBasis(centers=np.array([-1.0, 0.5, 2.0]), width=0.8)
+FROM_VELOCITIES = Decoupled(yaw_rate=KinematicYawRate())
+LITERAL = dataclasses.replace(FROM_VELOCITIES, coupling=ForwardSpeed(), L=0.3)
+ELSEWHERE = Start(position=np.array([0.3, -0.2]), velocity=np.array([-0.1, 0.4]), heading=-0.5)
+PUSH = {"amplitude": (0.1, 0.4, 0.3), "omega": (1.0, 2.0, 3.0), "phase": (0.1, 0.2, 0.3)}
+START = {"start_position": (0.3, -0.2), "start_velocity": (-0.1, 0.4), "start_heading": -0.5}
 READINGS = {
-    "literal filter": (NeuroBackstepping(filter=LiteralFilter()), Scenario(), {"filter": "literal"}, 1e-3, 1000),
-    "swapped bearing": (
-        NeuroBackstepping(),
-        Scenario(heading=SwappedBearing()),
-        {"heading": "bearing_swapped"},
-        2e-3,
-        1000,
-    ),
-    "tangent": (NeuroBackstepping(), TANGENT, {"heading": "tangent"}, 2e-3, 2000),
+    "literal filter": (NeuroBackstepping(filter=LiteralFilter()), PAPER, {"filter": "literal"}, 1e-3, 1000),
+    "swapped bearing": (LAW, Scenario(heading=SwappedBearing()), {"heading": "bearing_swapped"}),
+    "tangent": (LAW, TANGENT, {"heading": "tangent"}, 2e-3, 2000),
     "unwrapped": (NeuroBackstepping(wrapped=False), TANGENT, {"heading": "tangent", "wrapped": False}, 2e-3, 2000),
-    "literal (4)": (
-        NeuroBackstepping(),
-        Scenario(plant=Decoupled(coupling=ForwardSpeed())),
-        {"coupling": "literal"},
-        2e-3,
-        1000,
-    ),
-    "yaw rate from velocities": (
-        NeuroBackstepping(),
-        Scenario(plant=Decoupled(yaw_rate=KinematicYawRate())),
-        {"yaw_rate": "velocity"},
-        2e-3,
-        1000,
-    ),
-    "both literal": (
-        NeuroBackstepping(),
-        Scenario(plant=Decoupled(yaw_rate=KinematicYawRate(), coupling=ForwardSpeed(), L=0.3)),
-        {"yaw_rate": "velocity", "coupling": "literal", "L": 0.3},
-        2e-3,
-        1000,
-    ),
-    "belief": (
-        NeuroBackstepping(Pi_hat=0.7, Pi_psi_hat=0.8),
-        Scenario(),
-        {"Pi_hat": 0.7, "Pi_psi_hat": 0.8},
-        2e-3,
-        1000,
-    ),
-    "belief by axis": (
-        NeuroBackstepping(Pi_hat=np.array([0.6, 0.8])),
-        Scenario(),
-        {"Pi_hat": (0.6, 0.8)},
-        2e-3,
-        1000,
-    ),
-    "network that matters": (NeuroBackstepping(b1=0.1, b2=0.2), Scenario(), {"b1": 0.1, "b2": 0.2}, 2e-3, 1000),
+    "literal (4)": (LAW, Scenario(plant=Decoupled(coupling=ForwardSpeed())), {"coupling": "literal"}),
+    "yaw rate from velocities": (LAW, Scenario(plant=FROM_VELOCITIES), {"yaw_rate": "velocity"}),
+    "both literal": (LAW, Scenario(plant=LITERAL), {"yaw_rate": "velocity", "coupling": "literal", "L": 0.3}),
+    "belief": (NeuroBackstepping(Pi_hat=0.7, Pi_psi_hat=0.8), PAPER, {"Pi_hat": 0.7, "Pi_psi_hat": 0.8}),
+    "belief by axis": (NeuroBackstepping(Pi_hat=np.array([0.6, 0.8])), PAPER, {"Pi_hat": (0.6, 0.8)}),
+    "network that matters": (NeuroBackstepping(b1=0.1, b2=0.2), PAPER, {"b1": 0.1, "b2": 0.2}),
     "another network": (
-        NeuroBackstepping(
-            b1=0.1,
-            position_network=agvjax.RadialBasis(centers=np.array([-1.0, 0.5, 2.0]), width=0.8),
-            heading_network=agvjax.RadialBasis(centers=np.array([-1.0, 0.5, 2.0]), width=0.8),
-        ),
-        Scenario(),
+        NeuroBackstepping(b1=0.1, position_network=SMALL, heading_network=SMALL),
+        PAPER,
         {"b1": 0.1, "centers": (-1.0, 0.5, 2.0), "width": 0.8},
-        2e-3,
-        1000,
     ),
     "another start and disturbance": (
         NeuroBackstepping(varphi_start=0.4, varphi_psi_start=0.2),
-        Scenario(
-            start=Start(position=np.array([0.3, -0.2]), velocity=np.array([-0.1, 0.4]), heading=-0.5),
-            disturbance=agvjax.Cosine(
-                amplitude=np.array([0.1, 0.4, 0.3]), omega=np.array([1.0, 2.0, 3.0]), phase=np.array([0.1, 0.2, 0.3])
-            ),
-        ),
-        {
-            "start_position": (0.3, -0.2),
-            "start_velocity": (-0.1, 0.4),
-            "start_heading": -0.5,
-            "start_varphi": 0.4,
-            "start_varphi_psi": 0.2,
-            "disturbance_amplitude": (0.1, 0.4, 0.3),
-            "disturbance_omega": (1.0, 2.0, 3.0),
-            "disturbance_phase": (0.1, 0.2, 0.3),
-        },
-        2e-3,
-        1000,
+        Scenario(start=ELSEWHERE, disturbance=agvjax.Cosine(**{n: np.array(x) for n, x in PUSH.items()})),
+        START | {"start_varphi": 0.4, "start_varphi_psi": 0.2} | {f"disturbance_{n}": x for n, x in PUSH.items()},
     ),
 }
 
@@ -198,7 +148,8 @@ READINGS = {
     "name", [pytest.param(n, marks=() if n in ("swapped bearing", "tangent") else pytest.mark.slow) for n in READINGS]
 )
 def test_reading_agrees_with_the_reference_to_rounding(name):
-    controller, scenario, reading, dt, n_steps = READINGS[name]
+    controller, scenario, reading, *steps = READINGS[name]
+    dt, n_steps = steps or (2e-3, 1000)
     states = rk4.__wrapped__(Parameters(**reading), dt, n_steps)
     mine = packed(simulate(controller, scenario, dt=dt, n_steps=n_steps))
     np.testing.assert_allclose(mine, states, rtol=1e-9, atol=1e-9)
@@ -232,10 +183,8 @@ def start_to_end(dt, integrator):
 
     def end(start):
         scenario = Scenario(start=Start(position=start[:2], velocity=start[2:4], heading=start[4]))
-        r = simulate(NeuroBackstepping(), scenario, dt=dt, n_steps=1, integrator=integrator)
-        c = r.controller
-        law = [c.phi1, c.phi2, c.xi1, c.xi2, c.beta1, c.network.varphi, c.beta2, c.network.varphi_psi]
-        return jnp.concatenate([jnp.atleast_1d(x[1]) for x in [r.position, r.velocity, r.heading, *law]])
+        run = simulate(NeuroBackstepping(), scenario, dt=dt, n_steps=1, integrator=integrator)
+        return jnp.concatenate([jnp.atleast_1d(x[1]) for x in parts(run)])
 
     return end
 
@@ -330,27 +279,19 @@ def test_a_place_that_single_precision_does_not_resolve_to_a_millimetre_is_no_ru
 
 
 @pytest.mark.parametrize(
-    ("wrong", "text"),
+    ("scenario", "steps", "text"),
     [
-        ({"n_steps": 100, "save_every": 7}, "multiple of save_every"),
-        ({"n_steps": 100, "save_every": 0}, "save_every"),
-        ({"n_steps": 0}, "n_steps"),
-        ({"n_steps": 100, "control_every": 0}, "control_every"),
+        (PAPER, {"n_steps": 100, "save_every": 7}, "multiple of save_every"),
+        (PAPER, {"n_steps": 100, "save_every": 0}, "save_every"),
+        (PAPER, {"n_steps": 0}, "n_steps"),
+        (PAPER, {"n_steps": 100, "control_every": 0}, "control_every"),
+        (Scenario(deadzone={"steering": Deadzone(), "heading": Deadzone()}), {"n_steps": 1}, "steering"),
+        (Scenario(path=agvjax.Circle(), heading=agvjax.Bearing()), {"n_steps": 1}, "Tangent"),
     ],
 )
-def test_simulate_refuses_impossible_step_counts(wrong, text):
+def test_simulate_refuses_impossible_steps_actuators_of_another_plant_and_a_path_without_bearing(scenario, steps, text):
     with pytest.raises(ValueError, match=text):
-        simulate(NeuroBackstepping(), Scenario(), **wrong)
-
-
-def test_simulate_refuses_actuators_that_are_not_the_plants():
-    with pytest.raises(ValueError, match="steering"):
-        simulate(NeuroBackstepping(), Scenario(deadzone={"steering": Deadzone(), "heading": Deadzone()}), n_steps=1)
-
-
-def test_bearing_needs_a_path_that_has_one():
-    with pytest.raises(ValueError, match="Tangent"):
-        simulate(NeuroBackstepping(), Scenario(path=agvjax.Circle(), heading=agvjax.Bearing()), n_steps=1)
+        simulate(LAW, scenario, **steps)
 
 
 def test_measure_refuses_a_batch(run):

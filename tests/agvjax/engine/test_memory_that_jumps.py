@@ -10,22 +10,10 @@ import pytest
 
 import agvjax
 import reference
-from agvjax import (
-    EULER,
-    Command,
-    Deadzone,
-    Decoupled,
-    Measurement,
-    NeuroBackstepping,
-    NoDisturbance,
-    Scenario,
-    pytree,
-    simulate,
-)
 from reference import Parameters
 
 
-@pytree
+@agvjax.pytree
 class Sampled(agvjax.Law):
     """A law that looks only at control instants: it holds its command and steps the inner law's state by Euler."""
 
@@ -58,11 +46,10 @@ def sampled_by_hand(p, dt, every, n_steps):
             law_rate = reference.right_hand_side(t, s, p)[5:]
         states.append(s)
         commands.append(u)
-        delivered = reference.deadzone(u[:2], 0.6, 0.8, 0.5, 0.4)
-        omega = float(reference.deadzone(u[2], 0.91, 0.72, 0.66, 0.53))
+        *push, omega = reference.delivered(u, p)
         delta = 0.2 * np.cos(0.5 * t)
         velocity = s[2:4]
-        force = omega * np.array([-velocity[1], velocity[0]]) + delivered + delta
+        force = omega * np.array([-velocity[1], velocity[0]]) + push + delta
         rate = np.array([*velocity, *force, omega + delta])
         law = s[5:] + every * dt * law_rate if i % every == 0 else s[5:]
         s = np.concatenate([s[:5] + dt * rate, law])
@@ -73,9 +60,8 @@ def sampled_by_hand(p, dt, every, n_steps):
 def test_sampled_law_is_the_hand_written_loop(every):
     dt, n_steps = 5e-4, 1000
     states, commands = sampled_by_hand(Parameters(), dt, every, n_steps)
-    run = simulate(
-        Sampled(inner=NeuroBackstepping()), Scenario(), dt=dt, n_steps=n_steps, control_every=every, integrator=EULER
-    )
+    settings = {"dt": dt, "n_steps": n_steps, "control_every": every, "integrator": agvjax.EULER}
+    run = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), **settings)
     np.testing.assert_allclose(run.command, commands, rtol=0, atol=1e-8)
     np.testing.assert_allclose(np.column_stack([run.position, run.velocity, run.heading]), states[:, :5], atol=1e-9)
     changes = np.flatnonzero((np.diff(run.command, axis=0) != 0).any(axis=1)) + 1
@@ -88,7 +74,7 @@ def test_sampled_law_tends_to_the_continuous_law():
     exact = reference.solve(Parameters(), horizon=0.2, times=[0.0, 0.1])[1][1, :5]
     off = []
     for dt, at in ((2e-4, 500), (1e-4, 1000)):
-        run = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), dt=dt, n_steps=1000)
+        run = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), dt=dt, n_steps=1000)
         end = np.array([*run.position[at], *run.velocity[at], run.heading[at]])
         off.append(np.abs(end - exact).max())
     assert off[1] < 0.02
@@ -97,14 +83,14 @@ def test_sampled_law_tends_to_the_continuous_law():
 
 def test_memory_jumps_when_saving_less_often_too():
     every = {"dt": 1e-3, "n_steps": 200, "control_every": 5}
-    fine = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), **every)
-    coarse = simulate(Sampled(inner=NeuroBackstepping()), Scenario(), save_every=8, **every)
+    fine = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), **every)
+    coarse = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), save_every=8, **every)
     np.testing.assert_allclose(coarse.position, fine.position[::8], atol=1e-13)
     # the command that is saved is the one in force: where saving and control instants meet, the new one
     np.testing.assert_allclose(coarse.command, fine.command[::8], atol=1e-10)
 
 
-@pytree
+@agvjax.pytree
 class Delay(agvjax.Element):
     """Delivers the command of three control instants ago, and before that the first one."""
 
@@ -121,14 +107,14 @@ class Delay(agvjax.Element):
 
 
 def test_delay_line_delivers_the_command_of_three_steps_ago():
-    scenario = Scenario(deadzone={"position": Delay(), "heading": Decoupled().deadzones()["heading"]})
-    run = simulate(NeuroBackstepping(), scenario, n_steps=200)
+    scenario = agvjax.Scenario(deadzone={"position": Delay(), "heading": agvjax.Decoupled().deadzones()["heading"]})
+    run = agvjax.simulate(agvjax.NeuroBackstepping(), scenario, n_steps=200)
     np.testing.assert_allclose(run.delivered[3:, :2], run.command[:-3, :2], rtol=1e-12)
     np.testing.assert_allclose(run.delivered[:3, :2], np.broadcast_to(run.command[0, :2], (3, 2)), rtol=1e-12)
     np.testing.assert_allclose(run.delivered[:, 2], reference.deadzone(run.command[:, 2], 0.91, 0.72, 0.66, 0.53))
 
 
-@pytree
+@agvjax.pytree
 class Lag(agvjax.Element):
     """A first-order lag, at rest at the start."""
 
@@ -141,7 +127,7 @@ class Lag(agvjax.Element):
         return flow, (u - flow) / self.time_constant
 
 
-@pytree
+@agvjax.pytree
 class Constant(agvjax.Law):
     """Asks for the same always."""
 
@@ -152,12 +138,13 @@ class Constant(agvjax.Law):
 
     def law(self, flow, memory, measurement, ref):
         u = jnp.zeros_like(measurement.heading) + self.level
-        return Command(position=jnp.stack([u, -u]), heading=0.5 * u), ()
+        return agvjax.Command(position=jnp.stack([u, -u]), heading=0.5 * u), ()
 
 
 def test_lag_answers_a_step_as_the_exponential_does():
-    scenario = Scenario(deadzone={"position": Lag(), "heading": Lag(time_constant=0.2)}, disturbance=NoDisturbance())
-    run = simulate(Constant(), scenario, n_steps=400)
+    lags = {"position": Lag(), "heading": Lag(time_constant=0.2)}
+    scenario = agvjax.Scenario(deadzone=lags, disturbance=agvjax.NoDisturbance())
+    run = agvjax.simulate(Constant(), scenario, n_steps=400)
     t = np.asarray(run.t)
     np.testing.assert_allclose(run.delivered[:, 0], 2 * (1 - np.exp(-t / 0.05)), atol=1e-8)
     np.testing.assert_allclose(run.delivered[:, 1], -2 * (1 - np.exp(-t / 0.05)), atol=1e-8)
@@ -166,7 +153,7 @@ def test_lag_answers_a_step_as_the_exponential_does():
     np.testing.assert_allclose(run.heading, 0.1 + t - 0.2 * (1 - np.exp(-t / 0.2)), atol=1e-9)
 
 
-@pytree
+@agvjax.pytree
 class NoisyCompass(agvjax.Sensor):
     """Adds a new random offset to the heading at every control instant; the key travels in the memory."""
 
@@ -184,7 +171,7 @@ class NoisyCompass(agvjax.Sensor):
         return dataclasses.replace(measurement, heading=measurement.heading + memory[1])
 
 
-@pytree
+@agvjax.pytree
 class HeadingEcho(agvjax.Law):
     """Commands the heading it is shown, so that the trajectory says what the sensor said."""
 
@@ -194,27 +181,27 @@ class HeadingEcho(agvjax.Law):
         return ()
 
     def law(self, flow, memory, measurement, ref):
-        return Command(position=jnp.zeros_like(measurement.position), heading=measurement.heading), ()
+        return agvjax.Command(position=jnp.zeros_like(measurement.position), heading=measurement.heading), ()
 
 
 @pytest.mark.parametrize("every", [1, 4])
 def test_noise_is_what_its_key_says(every):
     key, n_steps = jax.random.key(7), 40
-    scenario = Scenario(sensor=NoisyCompass(key=key))
-    run = simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
+    scenario = agvjax.Scenario(sensor=NoisyCompass(key=key))
+    run = agvjax.simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
     noise, drawn = np.asarray(run.command[:, 2] - run.heading), []
     for _ in range(n_steps // every + 1):
         key, now = jax.random.split(key)
         drawn.append(0.01 * float(jax.random.normal(now)))
     np.testing.assert_allclose(noise, np.repeat(drawn, every)[: n_steps + 1], rtol=0, atol=1e-14)
-    again = simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
+    again = agvjax.simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
     np.testing.assert_array_equal(run.command, again.command)
-    scenario = Scenario(sensor=NoisyCompass(key=jax.random.key(8)))
-    other = simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
+    scenario = agvjax.Scenario(sensor=NoisyCompass(key=jax.random.key(8)))
+    other = agvjax.simulate(HeadingEcho(), scenario, n_steps=n_steps, control_every=every)
     assert (np.asarray(other.command) != np.asarray(run.command))[:, 2].all()
 
 
-@pytree
+@agvjax.pytree
 class CartState:
     """A cart on a rail and what it has counted."""
 
@@ -223,7 +210,7 @@ class CartState:
     heading: Any
 
 
-@pytree
+@agvjax.pytree
 class Cart(agvjax.Plant):
     """Mass on a spring along x, pushed by `motor`, slowed by `brake` that takes the heading command."""
 
@@ -249,18 +236,14 @@ class Cart(agvjax.Plant):
 
     def output(self, state, delivered):
         zero = jnp.zeros_like(state.position)
-        return Measurement(
-            position=jnp.stack([state.position, zero]),
-            velocity=jnp.stack([state.velocity, zero]),
-            heading=state.heading,
-            yaw_rate=zero,
-        )
+        position, velocity = jnp.stack([state.position, zero]), jnp.stack([state.velocity, zero])
+        return agvjax.Measurement(position=position, velocity=velocity, heading=state.heading, yaw_rate=zero)
 
 
 def test_plant_with_other_actuators_follows_its_own_closed_form():
-    dz = Deadzone(slope_right=0.5, threshold_right=1.0)
-    scenario = Scenario(plant=Cart(), deadzone={"motor": dz, "brake": Deadzone()})
-    run = simulate(Constant(), scenario, n_steps=500)
+    dz = agvjax.Deadzone(slope_right=0.5, threshold_right=1.0)
+    scenario = agvjax.Scenario(plant=Cart(), deadzone={"motor": dz, "brake": agvjax.Deadzone()})
+    run = agvjax.simulate(Constant(), scenario, n_steps=500)
     # x'' = .5 (2 - 1) - 9 x - 1 x'; x(0) = -.5, x'(0) = .1
     rest, decay, omega = 0.5 / 9.0, 0.5, np.sqrt(9.0 - 0.25)
     t, a = np.asarray(run.t), -0.5 - rest

@@ -26,14 +26,10 @@ def around(count, radius=2.0):
 BENT = np.array([[0.0, 0.0], [1.0, 0.2], [1.8, 1.0], [1.5, 2.4], [0.2, 2.9]])
 
 
+@jax.jit
 def motion(path, times):
     """Reference at times."""
-    return references(path, jnp.asarray(times))
-
-
-@jax.jit
-def references(path, times):
-    return jax.vmap(lambda t: reference(path, None, t))(times)
+    return jax.vmap(lambda t: reference(path, None, t))(jnp.asarray(times))
 
 
 def instants(path, count=4001):
@@ -44,19 +40,16 @@ def instants(path, count=4001):
 @pytest.mark.parametrize(("count", "off"), [(8, 0.06), (16, 0.014), (32, 0.0035), (64, 0.0009)])
 def test_points_on_a_circle_give_its_curvature_and_lap(count, off):
     path = Waypoints.through(around(count), 1.5, closed=True)
-    found = path.geometry()
-    np.testing.assert_allclose(found.curvature, 0.5, rtol=off)  # of second order in the spacing
-    np.testing.assert_allclose(found.speed, 1.5, rtol=1e-5)
-    np.testing.assert_allclose(found.acceleration[:, 1], 1.5**2 / 2, rtol=off)
-    np.testing.assert_allclose(found.acceleration[:, 0], 0, atol=1e-4)
+    shape = path.geometry()
+    np.testing.assert_allclose(shape.curvature, 0.5, rtol=off)  # of second order in the spacing
+    clockwise = Waypoints.through(around(count)[::-1], closed=True).geometry(50)
+    np.testing.assert_allclose(clockwise.curvature, -0.5, rtol=off)
+    np.testing.assert_allclose(shape.speed, 1.5, rtol=1e-5)
+    np.testing.assert_allclose(shape.acceleration[:, 1], 1.5**2 / 2, rtol=off)
+    np.testing.assert_allclose(shape.acceleration[:, 0], 0, atol=1e-4)
     np.testing.assert_allclose(path.duration, 2 * np.pi * 2 / 1.5, rtol=off**2)
-    np.testing.assert_allclose(found.arc[-1], 4 * np.pi, rtol=off**2)
-    np.testing.assert_allclose(np.linalg.norm(found.position, axis=1), 2, rtol=off**2)
-
-
-def test_a_clockwise_circle_has_negative_curvature():
-    found = Waypoints.through(around(32)[::-1], closed=True).geometry(50)
-    np.testing.assert_allclose(found.curvature, -0.5, rtol=0.0035)
+    np.testing.assert_allclose(shape.arc[-1], 4 * np.pi, rtol=off**2)
+    np.testing.assert_allclose(np.linalg.norm(shape.position, axis=1), 2, rtol=off**2)
 
 
 def test_a_closed_path_comes_back_with_the_same_motion():
@@ -64,8 +57,7 @@ def test_a_closed_path_comes_back_with_the_same_motion():
     path = Waypoints.through(around(12) * [1.0, 0.6], speeds, closed=True)
     lap, times = float(path.duration), np.array([0.0, 0.3, 2.0, 5.0])
     now, later = motion(path, times), motion(path, times + 3 * lap)
-    for mine, wanted in zip(jax.tree.leaves(later), jax.tree.leaves(now), strict=True):
-        np.testing.assert_allclose(mine, wanted, rtol=0, atol=1e-11)
+    jax.tree.map(lambda mine, wanted: np.testing.assert_allclose(mine, wanted, rtol=0, atol=1e-11), later, now)
     seam = motion(path, [lap - 1e-7, lap + 1e-7])  # in value, first and second derivative
     for one in (seam.position, seam.velocity, seam.acceleration):
         np.testing.assert_allclose(one[0], one[1], atol=1e-5)
@@ -148,9 +140,8 @@ def test_single_precision_keeps_the_time():
     t = np.linspace(0, 2 * float(path.duration), 500).astype(np.float32)
     exact, found = motion(path, t.astype(float)), motion(small, t)
     assert found.acceleration.dtype == jnp.float32
-    np.testing.assert_allclose(found.position, exact.position, atol=2e-5)
-    np.testing.assert_allclose(found.velocity, exact.velocity, atol=2e-5)
-    np.testing.assert_allclose(found.acceleration, exact.acceleration, atol=1e-4)
+    for name, most in {"position": 2e-5, "velocity": 2e-5, "acceleration": 1e-4}.items():
+        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), atol=most)
 
 
 def test_a_vehicle_follows_it():
@@ -324,9 +315,7 @@ def resolved(**scenario):
     assert "file" not in text.partition("[scenario.path]")[2].partition("\n[")[0]
     again = resolve(tomllib.loads(text))
     assert configuration.dump(again) == text
-    for one, other in zip(jax.tree.leaves(config.scenario), jax.tree.leaves(again.scenario), strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert jax.tree.structure(config.scenario) == jax.tree.structure(again.scenario)
+    jax.tree.map(np.testing.assert_array_equal, config.scenario, again.scenario)
     return again.scenario
 
 

@@ -30,16 +30,11 @@ def published(name, stiffness=STIFF):
     if name in NAMES:
         return setup_vehicle_parameters(vehicle_id=NAMES[name])
     space = types.SimpleNamespace
-    return space(
-        a=0.15875,
-        b=0.17145,
-        h_s=0.074,
-        m=3.74,
-        I_z=0.04712,
-        tire=space(p_dy1=1.0489, p_ky1=-1.0489 * stiffness),
-        steering=space(min=-0.4189, max=0.4189, v_min=-3.2, v_max=3.2),
-        longitudinal=space(a_max=9.51, v_min=-5.0, v_max=20.0, v_switch=7.319),
-    )
+    tire = space(p_dy1=1.0489, p_ky1=-1.0489 * stiffness)
+    steering = space(min=-0.4189, max=0.4189, v_min=-3.2, v_max=3.2)
+    drive = space(a_max=9.51, v_min=-5.0, v_max=20.0, v_switch=7.319)
+    body = {"a": 0.15875, "b": 0.17145, "h_s": 0.074, "m": 3.74, "I_z": 0.04712}
+    return space(**body, tire=tire, steering=steering, longitudinal=drive)
 
 
 def made(name, stiffness=STIFF):
@@ -49,15 +44,17 @@ def made(name, stiffness=STIFF):
     return dataclasses.replace(plant, tyre=LinearTyre(stiffness_front=stiffness, stiffness_rear=stiffness))
 
 
-def dynamic(x):
+def kinematic(x, kind=KinematicState, **more):
     """A state of ours from CommonRoad's vector; inputs are theirs too: steering rate, acceleration."""
-    return SingleTrackState(
-        position=x[:2], steering_angle=x[2], speed=x[3], heading=x[4], yaw_rate=x[5], slip_angle=x[6]
-    )
+    return kind(position=x[:2], steering_angle=x[2], speed=x[3], heading=x[4], **more)
 
 
-def kinematic(x):
-    return KinematicState(position=x[:2], steering_angle=x[2], speed=x[3], heading=x[4])
+def dynamic(x):
+    return kinematic(x, SingleTrackState, yaw_rate=x[5], slip_angle=x[6])
+
+
+def state_of(car, x):
+    return kinematic(x) if isinstance(car, KinematicSingleTrack) else dynamic(x)
 
 
 def vector(state):
@@ -68,12 +65,8 @@ def rate(plant, state, u, disturbance=CALM):
     return plant.derivative(state, (), {"steering_rate": u[0], "acceleration": u[1]}, disturbance)
 
 
-rates = jax.jit(
-    lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, dynamic(x), u)))(xs, us),
-)
-rolls = jax.jit(
-    lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, kinematic(x), u)))(xs, us),
-)
+rates = jax.jit(lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, dynamic(x), u)))(xs, us))
+rolls = jax.jit(lambda plant, xs, us: jax.vmap(lambda x, u: vector(rate(plant, kinematic(x), u)))(xs, us))
 
 
 def draw(p, n, seed=0):
@@ -173,8 +166,7 @@ def test_slopes_agree_with_differences():
         KinematicSingleTrack(road_slope=np.array([0.03, -0.02])),
     ]
     for car in cars:
-        state_of = kinematic if isinstance(car, KinematicSingleTrack) else dynamic
-        state = state_of(jnp.array([0.5, 0.4, 0.2, 3.0, 0.6, 0.4, 0.03]))
+        state = state_of(car, jnp.array([0.5, 0.4, 0.2, 3.0, 0.6, 0.4, 0.03]))
         point = cast((car, state, jnp.array([0.1, 1.0]), jnp.array([0.2, -0.3, 0.1])), jnp.float64)
         flat, back = ravel_pytree(point)
         f = jax.jit(lambda x, back=back: vector(rate(*back(x))))
@@ -197,7 +189,7 @@ def test_slopes_agree_with_differences():
 def test_slopes_are_finite_at_a_standstill_and_where_the_model_switches(speed):
     patch = FrictionPatch(center=np.zeros(2))
     for car in (SingleTrack(tyre=SaturatingTyre(), surface=patch), KinematicSingleTrack()):
-        state = (kinematic if isinstance(car, KinematicSingleTrack) else dynamic)(jnp.zeros(7).at[3].set(speed))
+        state = state_of(car, jnp.zeros(7).at[3].set(speed))
 
         def all_of(car, state, u, d, law):
             seen = car.output(state, {})
@@ -254,16 +246,15 @@ def test_a_start_that_no_wheel_allows_has_its_wheel_at_the_limit():
         for velocity in ([0.0, 1.0], [0.1, 5.0], [0.0, 0.0], [0.0, -1.0]):
             state = car.start(Start(position=np.zeros(2), velocity=np.array(velocity), heading=0.0))
             assert np.isfinite(vector(state)).all()
-            np.testing.assert_allclose(
-                state.steering_angle, np.sign(velocity[1]) * car.limits.steering_angle, rtol=1e-12, atol=1e-15
-            )
+            limit = np.sign(velocity[1]) * car.limits.steering_angle
+            np.testing.assert_allclose(state.steering_angle, limit, rtol=1e-12, atol=1e-15)
 
 
 def driving(car, rng):
     """Some state faster than `slowest`, forwards."""
     speed, angle = rng.uniform(1.3, 8.0), rng.uniform(-0.4, 0.4)
     x = [*rng.normal(size=2), angle, speed, rng.uniform(-3, 3), rng.normal(), rng.uniform(-0.2, 0.2)]
-    return (kinematic if isinstance(car, KinematicSingleTrack) else dynamic)(jnp.array(x))
+    return state_of(car, jnp.array(x))
 
 
 @pytest.mark.parametrize("car", CARS[:2], ids=["kinematic", "dynamic"])
@@ -297,14 +288,9 @@ def test_following_exactly_takes_what_needs_says():
     needed = car.needs(agvjax.Motion(v, w, a, alpha))
     free = dataclasses.replace(car, limits=agvjax.SteeringLimits(steering_rate=50.0))
     for i in range(9):
-        state = KinematicState(
-            position=jnp.zeros(2),
-            steering_angle=jnp.array(needed["steering_angle"][i]),
-            speed=jnp.array(needed["speed"][i]),
-            heading=jnp.array(0.2),
-        )
-        given = {name: jnp.array(needed[name][i]) for name in car.actuators}
-        change = free.derivative(state, (), given, CALM)
+        state = kinematic(jnp.array([0, 0, needed["steering_angle"][i], needed["speed"][i], 0.2]))
+        inputs = {name: jnp.array(needed[name][i]) for name in car.actuators}
+        change = free.derivative(state, (), inputs, CALM)
         np.testing.assert_allclose([change.heading, change.speed], [w[i], a[i]], atol=1e-12)
         turning = jax.jvp(lambda s: car.output(s, {}).yaw_rate, (state,), (change,))[1]
         np.testing.assert_allclose(turning, alpha[i], atol=1e-12)
@@ -349,25 +335,24 @@ def test_pushed_while_it_crawls_its_yaw_rate_stays_that_of_rolling():
     assert abs(float(change.speed) - 0.4) > 0.05
 
 
-@pytest.mark.parametrize("make", [SingleTrack, KinematicSingleTrack], ids=["dynamic", "kinematic"])
+@pytest.mark.parametrize("kind", [SingleTrack, KinematicSingleTrack], ids=["dynamic", "kinematic"])
 @pytest.mark.parametrize("speed", [0.02, 10.0])
-def test_a_slope_of_five_percent_takes_half_a_metre_a_second_each_second(make, speed):
-    state = (dynamic if make is SingleTrack else kinematic)(jnp.zeros(7).at[3].set(speed).at[4].set(np.pi / 2))
-    up = rate(make(road_slope=np.array([0.0, 0.05])), state, jnp.zeros(2))
-    np.testing.assert_allclose(up.speed, -0.4905, rtol=1e-12)
-    beside = rate(make(road_slope=np.array([0.05, 0.0])), state, jnp.zeros(2))
-    np.testing.assert_allclose(beside.speed, 0.0, atol=1e-15)
+def test_a_slope_of_five_percent_takes_half_a_metre_a_second_each_second(kind, speed):
+    for slope, fall in (([0.0, 0.05], -0.4905), ([0.05, 0.0], 0.0)):  # up, and beside it
+        car = kind(road_slope=np.array(slope))
+        state = state_of(car, jnp.zeros(7).at[3].set(speed).at[4].set(np.pi / 2))
+        np.testing.assert_allclose(rate(car, state, jnp.zeros(2)).speed, fall, rtol=1e-12, atol=1e-15)
 
 
 def test_small_slip_does_not_tell_the_tyres_apart():
-    linear, soft = SingleTrack.f1tenth(), SingleTrack.f1tenth()
-    soft = dataclasses.replace(
-        soft, tyre=SaturatingTyre(mu=1.0489, stiffness_front=4.718, stiffness_rear=5.4562, friction=0.6)
-    )
+    tyre = SaturatingTyre(mu=1.0489, stiffness_front=4.718, stiffness_rear=5.4562, friction=0.6)
     off = []
     for size in (0.4, 0.2, 0.1):
-        x = jnp.array([0.0, 0.0, 0.02 * size, 4.0, 0.0, 0.05 * size, -0.03 * size])
-        off.append(np.abs(vector(rate(linear, dynamic(x), CALM[:2])) - vector(rate(soft, dynamic(x), CALM[:2]))).max())
+        state = dynamic(jnp.array([0.0, 0.0, 0.02 * size, 4.0, 0.0, 0.05 * size, -0.03 * size]))
+        linear, soft = (
+            vector(rate(car, state, CALM[:2])) for car in (SingleTrack.f1tenth(), SingleTrack.f1tenth(tyre=tyre))
+        )
+        off.append(np.abs(linear - soft).max())
     assert off[0] > 1e-4
     np.testing.assert_allclose(np.divide(off[:-1], off[1:]), 8.0, rtol=0.05)  # third order
 
@@ -389,18 +374,16 @@ def test_friction_limits_what_the_road_can_turn():
 
 def test_a_patch_of_ice_is_felt_by_the_axle_that_is_on_it():
     ice = FrictionPatch(center=np.array([3.0, 1.0]), radius=2.0, factor=0.2, edge=0.05)
-    assert float(ice(jnp.array([3.0, 1.0]))) == pytest.approx(0.2, abs=1e-6)
-    assert float(ice(jnp.array([5.0, 1.0]))) == pytest.approx(0.6)
-    assert float(ice(jnp.array([3.0, 4.0]))) == pytest.approx(1.0, abs=1e-6)
+    for place, factor in (((3.0, 1.0), 0.2), ((5.0, 1.0), 0.6), ((3.0, 4.0), 1.0)):
+        assert float(ice(jnp.array(place))) == pytest.approx(factor, abs=6e-7)
     car = SingleTrack(tyre=SaturatingTyre(), surface=ice)
-    dry = SingleTrack(tyre=SaturatingTyre())
-    x = np.array([0.0, 1.0, 1.0, 20.0, 0.0, 0.0, -1.0])
-    g, l, m, I = 9.81, dry.lf + dry.lr, dry.mass, dry.inertia  # noqa: E741
-    for along, front, rear in ((-10.0, 1, 1), (3.0 - dry.lf, 0.2, 1), (3.0, 0.2, 0.2), (4.9, 1, 0.2)):
-        change = rate(car, dynamic(jnp.array([along, *x[1:]])), jnp.zeros(2))
-        F_f, F_r = front * 1.0489 * m * g * dry.lr / l, rear * 1.0489 * m * g * dry.lf / l
-        np.testing.assert_allclose(change.yaw_rate, (dry.lf * F_f - dry.lr * F_r) / I, rtol=1e-3, atol=1e-3)
-        np.testing.assert_allclose(change.slip_angle, (F_f + F_r) / (m * 20.0), rtol=1e-3)
+    front, rear, mass = car.lf, car.lr, car.mass
+    for along, on_front, on_rear in ((-10.0, 1, 1), (3.0 - front, 0.2, 1), (3.0, 0.2, 0.2), (4.9, 1, 0.2)):
+        change = rate(car, dynamic(jnp.array([along, 1.0, 1.0, 20.0, 0.0, 0.0, -1.0])), jnp.zeros(2))
+        F_f, F_r = (x * 1.0489 * mass * 9.81 / (front + rear) for x in (on_front * rear, on_rear * front))
+        yaw = (front * F_f - rear * F_r) / car.inertia
+        np.testing.assert_allclose(change.yaw_rate, yaw, rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(change.slip_angle, (F_f + F_r) / (mass * 20.0), rtol=1e-3)
 
 
 def test_poles_are_those_of_differences_of_commonroads_function():
@@ -412,7 +395,5 @@ def test_poles_are_those_of_differences_of_commonroads_function():
                 return np.array(vehicle_dynamics_st([0, 0, 0, speed, 0, *y], [0, 0], p)[5:])
 
             columns = [(lateral(1e-3 * e) - lateral(-1e-3 * e)) / 2e-3 for e in np.eye(2)]  # linear: exact
-            expected = np.linalg.eigvals(np.column_stack(columns))
-            np.testing.assert_allclose(
-                np.sort_complex(plant.poles(speed)), np.sort_complex(expected), rtol=1e-8, atol=1e-8
-            )
+            expected = np.sort_complex(np.linalg.eigvals(np.column_stack(columns)))
+            np.testing.assert_allclose(np.sort_complex(plant.poles(speed)), expected, rtol=1e-8, atol=1e-8)

@@ -1,5 +1,7 @@
 """Vehicles that roll: unicycle and differential drive, against equations written out here."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,12 +35,8 @@ def torques(t, xp=np):
 
 def test_differential_drive_with_friction_agrees_with_scipy():
     plant = DifferentialDrive(**ROBOT, road_slope=np.array([0.02, -0.01]))
-    scenario = Scenario.of(
-        plant,
-        deadzone=dict.fromkeys(plant.actuators, Deadzone()),
-        disturbance=NoDisturbance(),
-        start=Start(heading=0.4),
-    )
+    idle = dict.fromkeys(plant.actuators, Deadzone())
+    scenario = Scenario.of(plant, deadzone=idle, disturbance=NoDisturbance(), start=Start(heading=0.4))
     run = agvjax.simulate(Torques(), scenario, n_steps=6000)
 
     def rate(t, x):
@@ -59,22 +57,20 @@ def test_differential_drive_with_friction_agrees_with_scipy():
 
 
 def test_power_goes_into_kinetic_energy():
-    plant = DifferentialDrive(**(ROBOT | {"friction": 0.0, "viscous": 0.0}))
+    plant = SMOOTH
     for _ in range(20):
-        v, w, left, right = RNG.normal(size=4)
-        state = RollingState(position=jnp.zeros(2), heading=jnp.array(0.3), speed=jnp.array(v), yaw_rate=jnp.array(w))
-        given = {"torque_left": jnp.array(left), "torque_right": jnp.array(right)}
-        rate = plant.derivative(state, (), given, jnp.zeros(3))
+        state, (left, right) = moving(), RNG.normal(size=2)
+        v, w = float(state.speed), float(state.yaw_rate)
+        torque = {"torque_left": jnp.array(left), "torque_right": jnp.array(right)}
+        rate = plant.derivative(state, (), torque, jnp.zeros(3))
         energy = 12.7 * v * rate.speed + 0.33 * w * rate.yaw_rate
         power = left * (v - 0.17 * w) / 0.1 + right * (v + 0.17 * w) / 0.1
         np.testing.assert_allclose(energy, power, rtol=1e-12)
 
 
-VEHICLES = [
-    Unicycle(L=0.4),
-    DifferentialDrive(**(ROBOT | {"friction": 0.0, "viscous": 0.0})),
-    DifferentialDrive(**(ROBOT | {"friction": 0.0, "viscous": 0.0}), drive=SpeedDrive(gain=1.7)),
-]
+SMOOTH = DifferentialDrive(**(ROBOT | {"friction": 0.0, "viscous": 0.0}))
+VEHICLES = [Unicycle(L=0.4), SMOOTH, dataclasses.replace(SMOOTH, drive=SpeedDrive(gain=1.7))]
+each_vehicle = pytest.mark.parametrize("plant", VEHICLES, ids=["unicycle", "torques", "wheel speeds"])
 
 
 def moving():
@@ -83,7 +79,7 @@ def moving():
     return RollingState(position=x, heading=jnp.array(psi), speed=jnp.array(v), yaw_rate=jnp.array(w))
 
 
-@pytest.mark.parametrize("plant", VEHICLES, ids=["unicycle", "torques", "wheel speeds"])
+@each_vehicle
 def test_what_is_allocated_moves_the_point_as_commanded(plant):
     for _ in range(20):
         state, U = moving(), jnp.array(RNG.normal(size=2))
@@ -98,15 +94,14 @@ def test_what_is_allocated_moves_the_point_as_commanded(plant):
         np.testing.assert_allclose(acceleration, F + U, atol=1e-12)  # eq. (3)
 
 
-@pytest.mark.parametrize("plant", VEHICLES, ids=["unicycle", "torques", "wheel speeds"])
+@each_vehicle
 def test_following_exactly_takes_what_needs_says(plant):
     v, w, a, alpha = RNG.normal(size=(4, 7))
     needed = plant.needs(agvjax.Motion(v, w, a, alpha))
     for i in range(7):
-        zero = jnp.zeros(())
-        state = RollingState(position=jnp.zeros(2), heading=zero, speed=jnp.array(v[i]), yaw_rate=jnp.array(w[i]))
-        given = {name: jnp.array(needed[name][i]) for name in plant.actuators}
-        rate = plant.derivative(state, (), given, jnp.zeros(3))
+        state = dataclasses.replace(moving(), speed=jnp.array(v[i]), yaw_rate=jnp.array(w[i]))
+        inputs = {name: jnp.array(needed[name][i]) for name in plant.actuators}
+        rate = plant.derivative(state, (), inputs, jnp.zeros(3))
         np.testing.assert_allclose([rate.speed, rate.yaw_rate], [a[i], alpha[i]], atol=1e-12)
 
 
@@ -131,9 +126,8 @@ def test_a_push_moves_the_point_as_eq_6_says_and_a_drift_turns_it():
     free = acceleration([0.0, 0.0, 0.0])
     np.testing.assert_allclose(acceleration([0.3, -0.2, 0.0]) - free, [0.3, -0.2], atol=1e-12)
     velocity = np.asarray(plant.output(state, {}).velocity)
-    np.testing.assert_allclose(
-        acceleration([0.0, 0.0, 0.1]) - free, 0.1 * np.array([-velocity[1], velocity[0]]), atol=1e-12
-    )
+    turned = 0.1 * np.array([-velocity[1], velocity[0]])
+    np.testing.assert_allclose(acceleration([0.0, 0.0, 0.1]) - free, turned, atol=1e-12)
     np.testing.assert_allclose(rates([0.0, 0.0, 0.1]).heading, state.yaw_rate + 0.1)
 
 
@@ -145,9 +139,8 @@ def test_slopes_of_a_drive_agree_with_differences():
     @jax.jit
     def end(x):
         names = ("plant.mass", "plant.inertia", "plant.friction", "plant.viscous", "plant.L", "plant.track")
-        run = agvjax.simulate(
-            Torques(), agvjax.replace(scenario, dict(zip(names, x, strict=True))), dt=5e-3, n_steps=200
-        )
+        changed = agvjax.replace(scenario, dict(zip(names, x, strict=True)))
+        run = agvjax.simulate(Torques(), changed, dt=5e-3, n_steps=200)
         return jnp.sum(run.position[-1] ** 2)
 
     x, step = jnp.array([12.7, 0.33, 0.05, 0.01, 0.15, 0.34]), 1e-6

@@ -2,9 +2,8 @@
 
 import csv
 import json
+import shutil
 import signal
-import subprocess
-import sys
 import time
 import tomllib
 
@@ -13,39 +12,27 @@ import numpy as np
 import pytest
 
 import agvjax
-from commands import FAST, ROOT, arguments, files_of, run, start
+from commands import FAST, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 
-TUNE = [
-    *FAST,
-    "tune.dt=0.01",
-    "tune.integrator=euler",
-    'tune.gains=["k1", "k3"]',
-    "tune.clip=1",
-    "tune.optimizer=adam",
-    "tune.iterations=1500",
-    "tune.patience=2000",
-    "tune.search.checks=0",
-    "tune.search.scouts=8",
-    "tune.search.starts=2",
-    "tune.search.iterations=2",
-    "tune.checkpoint_every=5",
-    "ensemble.size=8",
-    "ensemble.validation_size=4",
-]
+TUNE = [*FAST, *SHORT_TUNE, "tune.clip=1", "tune.iterations=1500", "tune.patience=2000", "ensemble.size=8"]
 FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history", "sensitivity")}
 TUNED = ["checkpoint.npz", "config.toml", "gains.toml", "history.csv", "metrics.jsonl"]
 
 
 @pytest.fixture
-def refused(monkeypatch, capsys, tmp_path):
-    """Runs the command in this process, the state of JAX left alone, to exit code 2; returns what it says."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def refused(monkeypatch, capsys, tmp_path, tmp_path_factory):
+    """Runs the command in this process, the state of JAX left alone, to exit code 2; returns what it says.
+
+    It says all the words, and changes nothing in the folder of the test.
+    """
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
     monkeypatch.setattr(startup, "keep_compiled", lambda: None)
     monkeypatch.setattr(agvjax, "tune_xla", lambda **_: "fast compiler options set")
 
-    def call(argv):
+    def call(argv, *words):
+        before = contents(tmp_path)
         try:
             assert cli.main(argv) == 2
         finally:
@@ -53,6 +40,8 @@ def refused(monkeypatch, capsys, tmp_path):
         out, err = capsys.readouterr()
         assert out == "" and "Traceback" not in err
         assert err.startswith(f"agvjax {argv[0]}: ") and err.count("bad value") == 1
+        assert [word for word in words if word not in err] == [], err
+        assert contents(tmp_path) == before
         return err
 
     return call
@@ -61,15 +50,13 @@ def refused(monkeypatch, capsys, tmp_path):
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory):
     out = tmp_path_factory.mktemp("cli") / "new" / "simulated"
-    said = run(arguments("simulate", out, [*FAST, "simulate.save_every=4"]))[0]
-    return out, said
+    return out, run(arguments("simulate", out, [*FAST, "simulate.save_every=4"]))[0]
 
 
 @pytest.fixture(scope="session")
 def tuned(tmp_path_factory):
     out = tmp_path_factory.mktemp("cli") / "tuned"
-    said = run(arguments("tune", out, TUNE))[0]
-    return out, said
+    return out, run(arguments("tune", out, TUNE))[0]
 
 
 # -------------------------------------------------------------------------------------------------------- simulate
@@ -140,7 +127,7 @@ def test_later_settings_win_and_options_beat_them_all(tmp_path):
     settings = [*FAST, "controller.k3=14", "controller.k3 = 15", "precision=64"]
     more = ["--config", first, "--config", second, "--precision", 32, "--seed", 7]
     run(arguments("simulate", out, settings, *more))
-    config = tomllib.loads((out / "config.toml").read_text())
+    config = read_toml(out / "config.toml")
     assert (config["seed"], config["precision"]) == (7, 32)
     assert (config["controller"]["k1"], config["controller"]["k2"], config["controller"]["k3"]) == (22, 20, 15)
     assert config["scenario"]["path"] == {"type": "circle", "radius": 2, "omega": 0.5}
@@ -159,6 +146,10 @@ def test_a_simulation_that_diverges_exits_with_1_and_is_written(tmp_path):
 
 
 # ------------------------------------------------------------------------------------------------------------ tune
+
+
+def read_toml(file):
+    return tomllib.loads(file.read_text())
 
 
 def history(out):
@@ -198,23 +189,8 @@ def test_the_log_has_the_rows_of_the_history(tuned):
 
 
 def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
-    table = tomllib.loads((tuned[0] / "gains.toml").read_text())
-    gains = table["controller"]
-    assert {
-        "k1",
-        "k2",
-        "k3",
-        "Lam",
-        "Lam_psi",
-        "omega_n",
-        "zeta",
-        "gamma1",
-        "gamma2",
-        "eta1",
-        "eta2",
-        "b1",
-        "b2",
-    } <= set(gains)
+    gains = read_toml(tuned[0] / "gains.toml")["controller"]
+    assert set("k1 k2 k3 Lam Lam_psi omega_n zeta gamma1 gamma2 eta1 eta2 b1 b2".split()) <= set(gains)
     best = min(history(tuned[0]), key=lambda row: (max(0.0, float(row["excess"]) - 5e-4), float(row["goal"])))
     assert (gains["k1"], gains["k3"]) == (float(best["k1"]), float(best["k3"]))
     kept = {"k2": 20, "Lam": 16, "Lam_psi": 9, "omega_n": 90, "zeta": 0.75, "gamma1": 0.1, "eta1": 0.001, "b1": 1}
@@ -224,8 +200,7 @@ def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
 def test_the_gains_are_settings_for_simulate(tuned, tmp_path):
     out = tmp_path / "out"
     run(arguments("simulate", out, FAST, "--config", tuned[0] / "gains.toml"))
-    wanted = tomllib.loads((tuned[0] / "gains.toml").read_text())["controller"]
-    used = tomllib.loads((out / "config.toml").read_text())["controller"]
+    wanted, used = read_toml(tuned[0] / "gains.toml")["controller"], read_toml(out / "config.toml")["controller"]
     assert {name: used[name] for name in wanted} == wanted
 
 
@@ -266,7 +241,7 @@ def test_ctrl_c_keeps_the_best_gains_and_the_rest_can_be_made_up(tuned, tmp_path
     assert files_of(out) == TUNED
     rows, whole = (folder / "history.csv" for folder in (out, tuned[0]))
     assert whole.read_bytes().startswith(rows.read_bytes())
-    assert set(tomllib.loads((out / "gains.toml").read_text())["controller"]) >= {"k1", "k3"}
+    assert set(read_toml(out / "gains.toml")["controller"]) >= {"k1", "k3"}
     resume_and_compare(out, tuned[0], TUNE)
 
 
@@ -293,7 +268,7 @@ def test_a_finished_run_resumed_only_reports_again(tuned, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     for name in ("checkpoint.npz", "config.toml"):
-        (out / name).write_bytes((tuned[0] / name).read_bytes())
+        shutil.copy(tuned[0] / name, out)
     run(arguments("tune", out, TUNE, "--resume"))
     for name in ("history.csv", "gains.toml", "report.md"):
         assert (out / name).read_bytes() == (tuned[0] / name).read_bytes(), name
@@ -364,12 +339,9 @@ TUNING_ONLY |= {"draw of an unknown leaf", "no gain"}  # laws whose gains nothin
     ("command", "setting"), [(c, s) for c in ("simulate", "tune") for s in BAD if c == "tune" or s not in TUNING_ONLY]
 )
 def test_a_bad_setting_is_named_with_its_value_and_rule(command, setting, refused, tmp_path):
-    given, words = BAD[setting]
-    said = refused(arguments(command, tmp_path / "out", [given]))
+    bad, words = BAD[setting]
+    said = refused(arguments(command, tmp_path / "out", [bad]), *words)
     assert all(words[0] in line for line in said.strip().splitlines()[1:])
-    for word in words:
-        assert word in said, said
-    assert not (tmp_path / "out").exists()
 
 
 RIGHT = "deadzone.position.threshold_right"
@@ -397,10 +369,7 @@ BAD_SWEEP = {
     "no file": (["--controller", "absent.toml"], ("sweep.controllers", "absent.toml", "readable")),
     "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
     "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
-    "gains too fast for the step": (
-        ["--over", "controller.omega_n=50:500:3"],
-        ("sweep.dt", "omega_n", "command filter"),
-    ),
+    "gains too fast": (["--over", "controller.omega_n=50:500:3"], ("sweep.dt", "omega_n", "command filter")),
     "one of two numbers": (["--process-id", "1"], ("--num-processes", "the other of the two")),
     "no such process": (["--process-id", "2", "--num-processes", "2"], ("--process-id", "2", "from 0 to 1")),
     "nothing to go on with": (["--resume"], ("--resume", "has begun")),
@@ -409,72 +378,55 @@ BAD_SWEEP = {
 
 @pytest.mark.parametrize("which", BAD_SWEEP)
 def test_a_bad_sweep_is_named_with_its_value_and_rule(which, refused, tmp_path):
-    given, words = BAD_SWEEP[which]
-    said = refused(["sweep", "--out", str(tmp_path / "out"), *given])
-    for word in words:
-        assert word in said, said
-    assert not (tmp_path / "out").exists()
+    options, words = BAD_SWEEP[which]
+    refused(["sweep", "--out", str(tmp_path / "out"), *options], *words)
 
 
 def test_a_vehicle_of_no_sweep_is_refused(refused, tmp_path):
-    out = str(tmp_path / "out")
-    own = ["--from", str(tmp_path), "--index", "0", "--set", "controller.k1=30", "--seed", "2"]
-    said = refused(["simulate", "--out", out, *own])
-    assert "--from = controller.k1=30: must be left out" in said and "--seed" in said
-    assert "--from" in refused(["simulate", "--out", out, "--index", "3"])
-    assert "holds no sweep" in refused(["simulate", "--out", out, "--from", str(tmp_path), "--index", "3"])
+    simulate, place = ["simulate", "--out", str(tmp_path / "out")], ["--from", str(tmp_path), "--index", "0"]
+    more = ["--set", "controller.k1=30", "--seed", "2"]
+    refused([*simulate, *place, *more], "--from = controller.k1=30: must be left out", "--seed")
+    refused([*simulate, "--index", "3"], "--from")
+    refused([*simulate, *place], "holds no sweep")
 
 
 def test_processes_that_do_not_know_each_other_are_refused(refused, tmp_path):
-    out = str(tmp_path / "out")
-    assert "--num-processes" in refused(["tune", "--out", out, "--coordinator", "localhost:1"])
-    two = ["--num-processes", "2", "--process-id", "2"]
-    assert "from 0 to 1" in refused(["tune", "--out", out, "--coordinator", "localhost:1", *two])
+    argv = ["tune", "--out", str(tmp_path / "out"), "--coordinator", "localhost:1"]
+    refused(argv, "--num-processes")
+    refused([*argv, "--num-processes", "2", "--process-id", "2"], "from 0 to 1")
 
 
 def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
     out = tmp_path / "sweep"
     over = ["--over", f"{RIGHT}=0:1:3", "--over", "start.heading=0,0.2"]
-    settings = ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]
-    said, _ = run([*arguments("sweep", out, settings), *over])
+    command = [*arguments("sweep", out, ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]), *over]
+    said, _ = run(command)
     assert "# Sweep" in said and "agvjax simulate --from" in said
-    written = [
-        "config.toml",
-        "cuts.png",
-        "findings.json",
-        "manifest.json",
-        "report.html",
-        "report.md",
-        "shard-00000.npz",
-    ]
-    assert set(written) <= set(files_of(out)) and "map_total_rmse.png" in files_of(out)
-    with open(out / "config.toml", "rb") as file:
-        table = tomllib.load(file)["sweep"]
+    written = {"config.toml", "findings.json", "manifest.json", "report.html", "report.md", "shard-00000.npz"}
+    assert written | {"cuts.png", "map_total_rmse.png"} <= set(files_of(out))
     span = {"between": [0.0, 1.0], "points": 3}
-    assert table["over"] == [{RIGHT: span}, {"start.heading": {"one_of": [0.0, 0.2]}}]
+    assert read_toml(out / "config.toml")["sweep"]["over"] == [
+        {RIGHT: span},
+        {"start.heading": {"one_of": [0.0, 0.2]}},
+    ]
     before = files_of(out)
     run(arguments("sweep", tmp_path / "again", (), "--config", out / "config.toml", "--quiet"))
     shards = [(folder / "shard-00000.npz").read_bytes() for folder in (out, tmp_path / "again")]
     assert np.load(out / "shard-00000.npz")["result/total_rmse"].shape == (1, 6) and len(shards[0]) == len(shards[1])
     (out / "manifest.json").rename(tmp_path / "manifest.json")
-    said = refused([*arguments("sweep", out, settings), *over, "--seed", "1"])
-    assert "not empty" in said and "manifest.json" not in files_of(out)
-    run([*arguments("sweep", out, settings), *over])
+    refused([*command, "--seed", "1"], "not empty")
+    run(command)
     assert (out / "manifest.json").read_bytes() == (tmp_path / "manifest.json").read_bytes()
-    said = refused([*arguments("sweep", out, settings), *over, "--seed", "1"])
-    assert "was `seed = 0`" in said and "is `seed = 1`" in said and files_of(out) == before
+    refused([*command, "--seed", "1"], "was `seed = 0`", "is `seed = 1`")
+    assert files_of(out) == before
 
 
 def test_all_bad_settings_are_named_at_once(refused, tmp_path):
-    settings = [
-        "controller.k1=-1",
-        "scenario.deadzone.position.slope_right=nan",
-        "simulate.dt=0",
-        "tune.optimizer=adaam",
-    ]
-    settings += ["foo=1", "tune.goals.x=1", "ensemble.draws.start.x.between=[0, 1]", "tune.limits.effort=-2"]
-    said = refused(arguments("tune", tmp_path / "out", settings))
-    assert "8 bad values:" in said and len(said.strip().splitlines()) == 9
+    settings = ["controller.k1=-1", "scenario.deadzone.position.slope_right=nan", "simulate.dt=0", "foo=1"]
+    settings += ["tune.optimizer=adaam", "tune.goals.x=1", "tune.limits.effort=-2"]
+    settings += ["ensemble.draws.start.x.between=[0, 1]"]
+    said = refused(arguments("tune", tmp_path / "out", settings), "8 bad values:")
+    assert len(said.strip().splitlines()) == 9
     for key in ("controller.k1", "slope_right", "simulate.dt", "tune.optimizer", "foo", "goals.x", "start.x", "effort"):
         assert sum(key in line.partition(": must be")[0] for line in said.splitlines()) == 1, key
 
@@ -491,10 +443,7 @@ def test_all_bad_settings_are_named_at_once(refused, tmp_path):
     ],
 )
 def test_gains_must_begin_within_their_bounds(settings, words, refused, tmp_path):
-    said = refused(arguments("tune", tmp_path / "out", settings))
-    for word in words:
-        assert word in said, said
-    assert not (tmp_path / "out").exists()
+    refused(arguments("tune", tmp_path / "out", settings), *words)
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\x00", b"a = = 1", b"seed = 1\nseed = 2"])
@@ -502,9 +451,7 @@ def test_a_file_that_is_no_toml_is_named(content, refused, tmp_path):
     path = tmp_path / "mine.toml"
     if content is not None:
         path.write_bytes(content)
-    said = refused(["simulate", "--config", str(path), "--out", str(tmp_path / "out")])
-    assert "--config" in said and str(path) in said
-    assert not (tmp_path / "out").exists()
+    refused(["simulate", "--config", str(path), "--out", str(tmp_path / "out")], "--config", str(path))
 
 
 @pytest.mark.parametrize("command", ["simulate", "tune"])
@@ -512,62 +459,40 @@ def test_a_file_that_is_no_toml_is_named(content, refused, tmp_path):
 def test_a_place_that_cannot_be_written_is_named(command, place, refused, tmp_path):
     (tmp_path / "file").write_text("here")
     out = place.format(tmp_path)
-    said = refused(arguments(command, out, FAST + ["tune.dt=0.01"]))
-    assert "--out" in said and out in said
-    assert (tmp_path / "file").read_text() == "here"
+    refused(arguments(command, out, FAST + ["tune.dt=0.01"]), "--out", out)
 
 
 @pytest.mark.parametrize("command", ["simulate", "tune"])
 def test_a_folder_that_holds_something_is_left_alone(command, refused, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "config.toml").write_text("mine")
-    said = refused(arguments(command, tmp_path / "out", FAST + ["tune.dt=0.01"]))
-    assert "--out" in said and str(tmp_path / "out") in said
+    said = refused(arguments(command, tmp_path / "out", FAST + ["tune.dt=0.01"]), "--out", str(tmp_path / "out"))
     assert ("--resume" in said) == (command == "tune")
-    assert files_of(tmp_path / "out") == ["config.toml"] and (tmp_path / "out" / "config.toml").read_text() == "mine"
-
-
-def copy_of(run_folder, out):
-    out.mkdir()
-    for path in run_folder.iterdir():
-        (out / path.name).write_bytes(path.read_bytes())
-    return out
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # numpy.load leaves a bad archive open
 @pytest.mark.parametrize("damage", ["cut short", "empty", "something else"])
 def test_a_damaged_checkpoint_is_named_and_left(damage, refused, tuned, tmp_path):
-    out = copy_of(tuned[0], tmp_path / "out")
+    out = shutil.copytree(tuned[0], tmp_path / "out")
     whole = (out / "checkpoint.npz").read_bytes()
     bad = {"cut short": whole[: len(whole) // 2], "empty": b"", "something else": b"gains"}[damage]
     (out / "checkpoint.npz").write_bytes(bad)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    said = refused(arguments("tune", out, TUNE, "--resume"))
-    assert "--resume" in said and str(out / "checkpoint.npz") in said
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    refused(arguments("tune", out, TUNE, "--resume"), "--resume", str(out / "checkpoint.npz"))
 
 
 def test_resuming_with_other_settings_says_which(refused, tuned, tmp_path):
-    out = copy_of(tuned[0], tmp_path / "out")
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    said = refused(arguments("tune", out, [*TUNE, "tune.learning_rate=0.05", "controller.k2=21"], "--resume"))
-    assert "--resume" in said
-    for line in (
-        "was `tune.learning_rate = 0.1`",
-        "is `tune.learning_rate = 0.05`",
-        "was `controller.k2 = 20.0`",
-        "is `controller.k2 = 21",
-    ):
-        assert line in said, said
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    out = shutil.copytree(tuned[0], tmp_path / "out")
+    rate = "was `tune.learning_rate = 0.1`", "is `tune.learning_rate = 0.05`"
+    gain = "was `controller.k2 = 20.0`", "is `controller.k2 = 21"
+    changed = [*TUNE, "tune.learning_rate=0.05", "controller.k2=21"]
+    refused(arguments("tune", out, changed, "--resume"), "--resume", *rate, *gain)
 
 
 def test_resuming_needs_the_folder_of_a_run(refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    settings = ["simulate.horizon=1"]
-    assert "--out" in refused(["tune", "--resume", "--set", *settings])
-    assert str(tmp_path / "none") in refused(arguments("tune", tmp_path / "none", settings, "--resume"))
-    assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
+    refused(["tune", "--resume", "--set", "simulate.horizon=1"], "--out")
+    none = tmp_path / "none"
+    refused(arguments("tune", none, ["simulate.horizon=1"], "--resume"), str(none))
 
 
 @pytest.mark.parametrize(
@@ -591,12 +516,12 @@ print("jax" in sys.modules, "matplotlib" in sys.modules)
 
 
 def test_help_of_every_command_starts_without_jax():
-    done = subprocess.run([sys.executable, "-c", HELP], cwd=ROOT, capture_output=True, text=True, check=True)
-    *said, loaded = done.stdout.splitlines()
+    said = python(HELP)
+    *lines, loaded = said.splitlines()
     assert loaded == "False False"
     for name in cli.COMMANDS:
-        assert f"usage: agvjax {name} " in done.stdout
-        assert any(line.split()[:1] == [name] for line in said), name
+        assert f"usage: agvjax {name} " in said
+        assert any(line.split()[:1] == [name] for line in lines), name
 
 
 BEFORE = """
@@ -612,4 +537,4 @@ assert not xla_bridge.backends_are_initialized()
 
 def test_a_configuration_is_read_before_jax_computes():
     """Processes that tune together meet by what it says, and JAX lets them meet before its first array only."""
-    subprocess.run([sys.executable, "-c", BEFORE], cwd=ROOT, check=True)
+    python(BEFORE)

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from commands import arguments, run, start
+from commands import FAST, SHORT_TUNE, arguments, run, start
 from tuning.sweep import results, shards
 
 SWEEP = [
@@ -38,10 +38,9 @@ def same(folder, other):
     found = results.load(folder)
     assert found.manifest == other.manifest
     np.testing.assert_array_equal(found.ok, other.ok)
-    for name in other.metrics:
-        np.testing.assert_array_equal(found.metrics[name], other.metrics[name])
-    for name in other.leaves:
-        np.testing.assert_array_equal(found.leaves[name], other.leaves[name])
+    for arrays, wanted in ((found.metrics, other.metrics), (found.leaves, other.leaves)):
+        for name in wanted:
+            np.testing.assert_array_equal(arrays[name], wanted[name])
 
 
 def whole(folder):
@@ -51,11 +50,9 @@ def whole(folder):
 
 def wait_for(folder, count):
     end = time.monotonic() + 120
-    while time.monotonic() < end:
-        if len(whole(folder)) >= count:
-            return
+    while len(whole(folder)) < count:
+        assert time.monotonic() < end, f"fewer than {count} shards after two minutes"
         time.sleep(0.01)
-    raise AssertionError(f"fewer than {count} shards after two minutes")
 
 
 def test_a_sweep_killed_five_times_ends_as_if_it_never_was(undisturbed, tmp_path):
@@ -109,24 +106,8 @@ def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_pat
     assert not list(out.glob(".*.part"))
 
 
-TUNE = [
-    "simulate.horizon=2.0",
-    "simulate.dt=0.01",
-    "simulate.integrator=euler",
-    "tune.dt=0.01",
-    "tune.integrator=euler",
-    "controller.omega_n=30.0",
-    'tune.gains=["k1", "k3"]',
-    "tune.optimizer=adam",
-    "tune.iterations=60",
-    "tune.search.checks=0",
-    "tune.search.scouts=8",
-    "tune.search.starts=2",
-    "tune.search.iterations=2",
-    "tune.checkpoint_every=5",
-    "ensemble.size=10",  # not a multiple of the devices
-    "ensemble.validation_size=4",
-]
+TUNE = [*FAST, "simulate.horizon=2.0", *SHORT_TUNE, "controller.omega_n=30.0", "tune.iterations=60"]
+TUNE += ["ensemble.size=10"]  # not a multiple of the devices
 
 
 def free_port():

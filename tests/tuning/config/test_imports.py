@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
-import agvjax
 from agvjax import InputError
-from commands import ROOT, run
+from commands import ROOT
 from tuning.config import dump, load
 from tuning.config.load import resolve
 from tuning.config.write import gains_table
 from tuning.sweep import rules as sweep_rules
 from tuning.tune import rules as tune_rules
 
-OWN = str(ROOT / "tests" / "data" / "own.py")
+OWN = str(ROOT / "tests" / "helpers" / "own.py")
 DIGEST = hashlib.sha256(Path(OWN).read_bytes()).hexdigest()
 OMNI = ["scenario.plant=Omni", "controller=Spring", "simulate.horizon=2", "simulate.dt=0.005"]
 LAW = "import agvjax\n\n\n@agvjax.pytree\nclass {}(agvjax.Law):\n    gain: float = agvjax.number(2.0, '1/s')\n"
@@ -34,19 +33,11 @@ def refused(imports, *overrides):
 
 
 def test_a_class_of_each_kind_is_known_by_its_name_and_written_with_its_file():
-    settings = [
-        *OMNI,
-        "scenario.plant.R=0.3",
-        "scenario.path=Spiral",
-        "scenario.heading.type=Upright",
-        "scenario.heading.angle=0.5",
-        "scenario.disturbance=Gust",
-        "scenario.sensor=Offset",
-        "scenario.actuators.wheel_2.Wear.share=0.7",
-        "scenario.actuators.wheel_2.lag.time_constant=0.02",
-        "scenario.actuators.wheel_2.old.type=Wear",
-    ]
-    config = load([], settings, imports=[OWN])
+    scene = "plant.R=0.3 path=Spiral heading.type=Upright heading.angle=0.5 disturbance=Gust sensor=Offset"
+    wheel = "wheel_2.Wear.share=0.7 wheel_2.lag.time_constant=0.02 wheel_2.old.type=Wear"
+    settings = [f"scenario.{setting}" for setting in scene.split()]
+    settings += [f"scenario.actuators.{setting}" for setting in wheel.split()]
+    config = load([], OMNI + settings, imports=[OWN])
     scenario = config.scenario
     kinds = [scenario.plant, scenario.path, scenario.heading, scenario.disturbance, scenario.sensor, config.controller]
     assert [type(x).__name__ for x in kinds] == ["Omni", "Spiral", "Upright", "Gust", "Offset", "Spring"]
@@ -137,13 +128,3 @@ def test_names_of_two_files_must_not_clash(tmp_path):
     derived = written(tmp_path, "import agvjax\n\n\n" + helper, "derived.py")
     assert load([], ["controller=Derived"], imports=[derived]).controller.k == 1.0
     assert "controller.type = 'Base'" in refused([derived], "controller=Base")
-
-
-def test_a_run_of_ones_own_classes_and_its_replay(tmp_path):
-    out = tmp_path / "run"
-    sets = [x for setting in OMNI for x in ("--set", setting)]
-    run(["simulate", "--import", OWN, *sets, "--out", str(out)])
-    run(["simulate", "--import", OWN, "--config", str(out / "config.toml"), "--out", str(tmp_path / "again")])
-    assert (out / "config.toml").read_bytes() == (tmp_path / "again" / "config.toml").read_bytes()
-    assert (out / "trajectory.npz").read_bytes() == (tmp_path / "again" / "trajectory.npz").read_bytes()
-    assert isinstance(load([str(out / "config.toml")], imports=[OWN]).scenario.plant, agvjax.Plant)

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,29 +9,17 @@ from scipy import stats
 
 import agvjax
 from agvjax import Scenario
-from tuning import (
-    Between,
-    Config,
-    Distribution,
-    Ensemble,
-    OneOf,
-    Search,
-    Simulate,
-    Times,
-    Tune,
-    Weights,
-    pose,
-    sample,
-    solve,
-)
+from tuning import Between, Config, Distribution, OneOf, Search, Simulate, Times, pose, sample, solve
+from tuning.config.settings import Ensemble, Tune, Weights
 from tuning.ensemble.worst import Adversary, Box, batch_of, statement
 
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
-@pytest.fixture(autouse=True, scope="module")
-def promotion_as_optax_has_it():
-    """As in test_tuning.py."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
+
+def drawn(draws, size, part=0):
+    """Values of the only leaf that is drawn."""
+    (values,) = sample(Scenario(), draws, size, 0, part).values.values()
+    return np.asarray(values)
 
 
 # ------------------------------------------------------------------------------------------------------ distributions
@@ -43,13 +30,10 @@ def promotion_as_optax_has_it():
     [("norm", {"loc": 2.0, "scale": 0.1}), ("beta", {"a": 2.0, "b": 5.0}), ("lognorm", {"s": 0.5, "scale": 0.3})],
 )
 def test_any_distribution_of_scipy_can_be_drawn(name, parameters):
-    draws = {"deadzone.position.slope_left": Distribution(name, parameters)}
-    drawn = np.asarray(sample(Scenario(), draws, 2000, 0).values["deadzone.position.slope_left"])
-    assert stats.kstest(drawn, getattr(stats, name)(**parameters).cdf).pvalue > 1e-3
+    values = drawn({"deadzone.position.slope_left": Distribution(name, parameters)}, 2000)
+    assert stats.kstest(values, getattr(stats, name)(**parameters).cdf).pvalue > 1e-3
     times = {"deadzone.position.slope_left": Distribution(name, parameters, times=True)}
-    np.testing.assert_allclose(
-        np.asarray(sample(Scenario(), times, 2000, 0).values["deadzone.position.slope_left"]), 0.8 * drawn, rtol=1e-14
-    )
+    np.testing.assert_allclose(drawn(times, 2000), 0.8 * values, rtol=1e-14)
 
 
 def test_a_distribution_that_is_none_is_refused():
@@ -59,9 +43,9 @@ def test_a_distribution_that_is_none_is_refused():
 
 
 def test_one_of_some_values_is_drawn_as_often_as_the_others():
-    drawn = np.asarray(sample(Scenario(), {"start.heading": OneOf((0.3, -0.1, 0.2))}, 3000, 0).values["start.heading"])
-    assert sorted(set(drawn)) == [-0.1, 0.2, 0.3]
-    assert stats.chisquare([np.sum(drawn == v) for v in (-0.1, 0.2, 0.3)]).pvalue > 1e-3
+    values, counts = np.unique(drawn({"start.heading": OneOf((0.3, -0.1, 0.2))}, 3000), return_counts=True)
+    assert values.tolist() == [-0.1, 0.2, 0.3]
+    assert stats.chisquare(counts).pvalue > 1e-3
 
 
 def test_the_box_of_a_distribution_leaves_out_a_thousandth_on_either_side():
@@ -74,8 +58,7 @@ def test_the_box_of_a_distribution_leaves_out_a_thousandth_on_either_side():
 
 def test_another_part_is_drawn_anew():
     draws = {"start.heading": Between(0.0, 1.0)}
-    first, second = (np.asarray(sample(Scenario(), draws, 64, 0, part).values["start.heading"]) for part in (0, 1))
-    assert not np.intersect1d(first, second).size
+    assert not np.intersect1d(drawn(draws, 64, 0), drawn(draws, 64, 1)).size
 
 
 # ------------------------------------------------------------------------------------------------------------- search
@@ -87,22 +70,11 @@ def hand_made(value, **changed):
     """An adversary of a loop whose metric is a function of the scenario's leaves."""
 
     def values(z, leaves):
-        v = value(
-            leaves["start.position"][:, 0],
-            leaves["start.position"][:, 1],
-            leaves["start.heading"],
-            leaves["path.amplitude"],
-        )
+        v = value(*leaves["start.position"].T, leaves["start.heading"], leaves["path.amplitude"])
         return v[None], jnp.isfinite(v)
 
-    return Adversary(
-        rollout=values,
-        names=("total_rmse",),
-        scenario=Scenario(),
-        draws=DRAWS,
-        metrics=("total_rmse",),
-        settings=Search(**{"checks": 0, "starts": 3, "iterations": 20} | changed),
-    )
+    names, settings = ("total_rmse",), Search(**{"checks": 0, "starts": 3, "iterations": 20} | changed)
+    return Adversary(rollout=values, names=names, scenario=Scenario(), draws=DRAWS, metrics=names, settings=settings)
 
 
 def test_a_corner_and_a_fold_are_found():
@@ -117,10 +89,10 @@ def test_a_corner_and_a_fold_are_found():
 
 
 def test_an_inner_maximum_is_found():
-    worst = hand_made(
-        lambda x, y, h, a: -((x - 0.3) ** 2) - 20 * (y + 0.2 - 0.5 * x) ** 2 - (h - 1.5) ** 2, iterations=60
-    )
-    (found,) = worst.search(jnp.zeros(1))
+    def smooth(x, y, heading, amplitude):
+        return -((x - 0.3) ** 2) - 20 * (y + 0.2 - 0.5 * x) ** 2 - (heading - 1.5) ** 2
+
+    (found,) = hand_made(smooth, iterations=60).search(jnp.zeros(1))
     np.testing.assert_allclose(found.value, 0.0, atol=2e-3)
 
 
@@ -140,12 +112,12 @@ def test_a_sample_that_is_worse_than_what_the_ascent_found_counts():
 
 
 def test_shares_of_the_box_lead_back():
-    found = Box.of(Scenario(), DRAWS)
-    drawn = {n: np.asarray(v) for n, v in sample(Scenario(), DRAWS, 5, 0).values.items()}
-    back = found.leaves(jnp.asarray(found.shares(drawn)))
-    for name, value in drawn.items():
+    box = Box.of(Scenario(), DRAWS)
+    leaves = {n: np.asarray(v) for n, v in sample(Scenario(), DRAWS, 5, 0).values.items()}
+    back = box.leaves(jnp.asarray(box.shares(leaves)))
+    for name, value in leaves.items():
         np.testing.assert_allclose(back[name], value, rtol=1e-14, atol=1e-14, err_msg=name)
-    assert found.low.tolist() == [1.0, 0.0, -1.0, -1.0] and found.moves.tolist() == [False, True, True, True]
+    assert box.low.tolist() == [1.0, 0.0, -1.0, -1.0] and box.moves.tolist() == [False, True, True, True]
 
 
 def test_places_that_are_not_taken_hold_copies():
@@ -183,8 +155,8 @@ def test_what_was_found_is_tuned_on_until_none_is_worse(solved):
 @pytest.mark.slow
 def test_the_worst_after_the_loop_is_no_worse_than_without_it(solved):
     before = solve(pose(small(search=Search(rounds=0, scouts=16, checks=0, starts=2, iterations=8))))
-    worst = {f.metric: f.value for f in before.found}["total_rmse"]
-    assert {f.metric: f.value for f in solved.found}["total_rmse"] <= 1.01 * worst
+    worst, without = ({f.metric: f.value for f in outcome.found}["total_rmse"] for outcome in (solved, before))
+    assert worst <= 1.01 * without
 
 
 def test_what_was_added_counts_in_no_mean(solved):
@@ -206,8 +178,8 @@ def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(ga
     adversary = dataclasses.replace(posed.adversary, checks=0)
     z = posed.tuner.begin().z
     found = adversary.search(z)
-    drawn = {name: np.asarray(v) for name, v in sample(Scenario(), config.ensemble.draws, 100_000, 5).values.items()}
-    beaten = adversary._values(z, drawn).max(axis=1)
+    many = {name: np.asarray(v) for name, v in sample(Scenario(), config.ensemble.draws, 100_000, 5).values.items()}
+    beaten = adversary._values(z, many).max(axis=1)
     for f in found:
         assert f.value >= beaten[posed.tuner.objective.names.index(f.metric)], f.metric
         assert f.rollouts <= 1000

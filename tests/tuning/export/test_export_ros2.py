@@ -1,6 +1,7 @@
 """The exported ROS 2 package, imported against a stub of ROS and driven in closed loop with simple robots."""
 
 import ast
+import functools
 import importlib
 import math
 import sys
@@ -149,20 +150,25 @@ def controller(kind):
     return agvjax.Sampled(inner=law, vehicle=vehicle, period=0.02, anti_windup=windup)
 
 
+def package_of(law, folder, *name):
+    """The files of the package of a law, through a file of its gains."""
+    (folder / "gains.toml").write_text(gains_table(law))
+    return ros2.files(artefact.read(str(folder / "gains.toml")), *name)
+
+
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """Packages by the vehicle's kind, written to a folder that Python imports from."""
-    folder, made = tmp_path_factory.mktemp("packages"), {}
+    packages = tmp_path_factory.mktemp("packages")
 
+    @functools.cache
     def package(kind):
-        if kind not in made:
-            (folder / "gains.toml").write_text(gains_table(controller(kind)))
-            made[kind] = ros2.files(artefact.read(str(folder / "gains.toml")), f"follows_{kind}")
-            for name, text in made[kind].items():
-                file = folder / kind / name
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(text)
-        return folder / kind, made[kind]
+        files = package_of(controller(kind), packages, f"follows_{kind}")
+        for name, text in files.items():
+            file = packages / kind / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+        return packages / kind, files
 
     yield package
     for name in [name for name in sys.modules if name.startswith("follows_")]:
@@ -185,9 +191,11 @@ def start(exported, ros, monkeypatch):
 class Robot:
     """Rolls without slip; its speed loop follows cmd_vel with a lag [s]. Odometry is of the axle."""
 
-    def __init__(self, node, x=0.0, y=0.0, heading=0.0, lag=0.03, L=0.15):
+    def __init__(self, node, path=None, x=0.0, y=0.0, heading=0.0, lag=0.03, L=0.15):
         self.node, self.state, self.lag, self.L = node, np.array([x, y, heading, 0.0, 0.0]), lag, L
-        self.points, self.commands = [], []
+        self.points, self.commands, self.take = [], [], node.topics["path"]
+        if path is not None:
+            self.take(path)
 
     def rate(self, state, command):
         _, _, heading, v, w = state
@@ -196,10 +204,8 @@ class Robot:
     def report(self, frame="odom"):
         x, y, heading, v, w = self.state
         moves = Space(twist=Space(linear=Space(x=v), angular=Space(z=w)))
-        odometry = pose(x, y, heading, Node.now, frame)
-        odometry.pose = Space(pose=odometry.pose)
-        odometry.twist = moves
-        self.node.topics["odom"](odometry)
+        place = pose(x, y, heading, Node.now, frame)
+        self.node.topics["odom"](Space(header=place.header, pose=Space(pose=place.pose), twist=moves))
 
     def drive(self, seconds, sees=True, free=True):
         """Periods of the node, each followed by what the robot does in it."""
@@ -218,6 +224,11 @@ class Robot:
             self.points.append(self.state[:2] + self.L * np.array([math.cos(self.state[2]), math.sin(self.state[2])]))
             Node.now += self.node.period
 
+    @property
+    def speeds(self):
+        """Of the commands, in m/s."""
+        return np.array(self.commands)[:, 0]
+
 
 def said(node, level):
     return [text for one, text in node.said if one == level]
@@ -225,9 +236,7 @@ def said(node, level):
 
 def wave(scale=1.0):
     """A path of 6 m and a finer picture of it to measure distances from: y = 0.5 sin(1.5 x)."""
-    x = np.linspace(0.0, 6.0, 121)
-    fine = np.linspace(0.0, 6.0, 6001)
-    return scale * np.stack([x, 0.5 * np.sin(1.5 * x)], 1), scale * np.stack([fine, 0.5 * np.sin(1.5 * fine)], 1)
+    return [scale * np.stack([x, 0.5 * np.sin(1.5 * x)], 1) for x in (np.linspace(0, 6, n) for n in (121, 6001))]
 
 
 @pytest.mark.parametrize("kind", VEHICLES)
@@ -235,14 +244,13 @@ def test_the_node_drives_a_robot_along_its_path_and_stops_at_the_end(start, kind
     car = kind == "car"
     scale, L = (6.0, float(VEHICLES["car"][1].L)) if car else (1.0, 0.15)
     node, (points, fine) = start(kind, speed=2.0 if car else 0.6), wave(scale)
-    robot = Robot(node, x=-L, y=0.1 * scale / 2, heading=0.5, L=L)
-    node.topics["path"](path(points))
+    robot = Robot(node, path(points), x=-L, y=0.1 * scale / 2, heading=0.5, L=L)
     robot.drive(23.5 if car else 15.5)
     assert said(node, "error") == []
     assert [text.split(",")[0] for text in said(node, "info")] == ["path begun", "path finished"]
     along = np.array(robot.points)
     off = np.array([np.linalg.norm(fine - point, axis=1).min() for point in along])
-    moving = np.flatnonzero(np.abs(np.array(robot.commands)[:, 0]) > 0.05 * scale)
+    moving = np.flatnonzero(np.abs(robot.speeds) > 0.05 * scale)
     settled = moving[moving > 200]
     assert len(settled) > 300
     assert off[settled].max() < (0.03 if car else 0.01)
@@ -260,7 +268,7 @@ def test_it_stands_still_without_a_path_and_without_fresh_odometry(start):
     robot.drive(0.2)
     assert not np.any(robot.commands)  # no path yet
     assert node.said == []
-    node.topics["path"](straight())
+    robot.take(straight())
     robot.drive(3.0)
     assert robot.commands[-1][0] == pytest.approx(0.4, abs=0.02)
     before = len(robot.commands)
@@ -274,24 +282,23 @@ def test_it_stands_still_without_a_path_and_without_fresh_odometry(start):
 
 
 def test_odometry_in_another_frame_or_without_a_rotation_is_none(start):
-    node = start()
-    robot = Robot(node)
-    node.topics["path"](straight())
+    robot = Robot(start(), straight())
+    node = robot.node
     for _ in range(20):
         robot.report("map")
         robot.drive(0.02, sees=False)
     assert not np.any(robot.commands)
     assert "odometry is in frame 'map', not in 'odom'" in said(node, "error")
-    empty = pose(0.0, 0.0, 0.0, Node.now, "odom")
-    empty.pose.orientation.w = 0.0
-    empty.pose, empty.twist = Space(pose=empty.pose), Space(twist=twist())
-    node.topics["odom"](empty)
+    place = pose(0.0, 0.0, 0.0, Node.now, "odom")
+    place.pose.orientation.w = 0.0
+    node.topics["odom"](Space(header=place.header, pose=Space(pose=place.pose), twist=Space(twist=twist())))
     assert "no unit quaternion" in said(node, "error")[-1]
 
 
 @pytest.mark.parametrize(
     "message, reason",
     [
+        (path([], frame=""), None),  # an empty path is the order to stop
         (path([(0.0, 0.0), (1.0, 0.0)], frame="map"), "in frame 'map', not in 'odom'"),
         (path([(0.0, 0.0), (math.nan, 0.0)]), "not finite"),
         (path([(0.0, 0.0)]), "no two poses"),
@@ -299,15 +306,14 @@ def test_odometry_in_another_frame_or_without_a_rotation_is_none(start):
     ],
 )
 def test_a_path_that_is_none_stops_the_robot_and_is_refused_with_a_reason(start, message, reason):
-    node = start()
-    robot = Robot(node)
-    node.topics["path"](straight())
+    robot = Robot(start(), straight())
     robot.drive(2.0)
     assert robot.commands[-1][0] > 0.2
-    node.topics["path"](message)
+    robot.take(message)
     robot.drive(0.1)
     assert not np.any(robot.commands[-5:])
-    assert reason in said(node, "error")[-1]
+    errors = said(robot.node, "error")
+    assert errors == [] if reason is None else reason in errors[-1]
 
 
 def test_the_last_thing_the_node_says_is_to_stop(start, monkeypatch):
@@ -317,18 +323,12 @@ def test_the_last_thing_the_node_says_is_to_stop(start, monkeypatch):
     monkeypatch.setattr(node, "destroy_node", lambda: said_last.append(node.sent[-1]), raising=False)
 
     def spin(node):
-        robot = Robot(node)
-        node.topics["path"](straight())
+        robot = Robot(node, straight())
         robot.drive(2.0)
         assert robot.commands[-1][0] > 0.2
         raise KeyboardInterrupt
 
-    for name, stub in {
-        "init": lambda **k: None,
-        "spin": spin,
-        "ok": lambda: True,
-        "shutdown": lambda: None,
-    }.items():
+    for name, stub in {"init": lambda **k: None, "spin": spin, "ok": lambda: True, "shutdown": lambda: None}.items():
         monkeypatch.setattr(module.rclpy, name, stub)
     module.main()
     ((topic, message),) = said_last
@@ -345,48 +345,33 @@ def test_a_period_that_begins_late_is_counted(start):
     assert node.late == 1 and said(node, "warning") == ["1 periods began late"]
 
 
-def test_an_empty_path_is_the_order_to_stop(start):
-    node = start()
-    robot = Robot(node)
-    node.topics["path"](straight())
-    robot.drive(2.0)
-    node.topics["path"](path([], frame=""))
-    robot.drive(0.1)
-    assert not np.any(robot.commands[-5:]) and said(node, "error") == []
-
-
 def test_a_path_out_of_reach_is_not_begun_and_a_lost_one_given_up(start):
-    node = start()
-    robot = Robot(node, y=3.0)
-    node.topics["path"](straight())
+    robot = Robot(start(), straight(), y=3.0)
     robot.drive(0.1)
     assert not np.any(robot.commands)
-    assert "comes no nearer than 3.00 m" in said(node, "error")[0]
+    assert "comes no nearer than 3.00 m" in said(robot.node, "error")[0]
     robot.state[:] = 0.0
-    node.topics["path"](straight())
+    robot.take(straight())
     robot.drive(10.0, free=False)  # held: the reference runs away from it
-    assert "max_error is 1" in said(node, "error")[1]
+    assert "max_error is 1" in said(robot.node, "error")[1]
     assert not np.any(robot.commands[-5:])
-    assert np.max(np.array(robot.commands)[:, 0]) <= 0.3 + 1e-12  # no further from the measured 0 than the lead
+    assert robot.speeds.max() <= 0.3 + 1e-12  # no further from the measured 0 than the lead
 
 
 def test_a_path_that_replaces_another_is_joined_at_the_pace_that_is_driven(start):
-    node = start()
-    robot = Robot(node)
-    node.topics["path"](straight())
+    robot = Robot(start(), straight())
     robot.drive(4.0)
     for _ in range(6):
         ahead = robot.points[-1][0] + np.linspace(0.0, 4.0, 41)
-        node.topics["path"](path(np.stack([ahead, np.zeros(41)], 1)))
+        robot.take(path(np.stack([ahead, np.zeros(41)], 1)))
         robot.drive(0.5)
-    speeds = np.array(robot.commands)[-150:, 0]
+    speeds = robot.speeds[-150:]
     assert speeds.min() > 0.37 and speeds.max() < 0.43
 
 
 def test_speeds_stay_within_the_limits_of_the_node(start):
     node = start(max_speed=0.3, max_yaw_rate=0.5, max_reverse_speed=0.0)
-    robot = Robot(node, x=0.1, y=0.4, heading=1.3)
-    node.topics["path"](path(wave()[0]))
+    robot = Robot(node, path(wave()[0]), x=0.1, y=0.4, heading=1.3)
     robot.drive(20.0)
     v, w = np.array(robot.commands).T
     assert v.max() == 0.3 and v.min() == 0.0 and np.abs(w).max() == 0.5
@@ -395,10 +380,10 @@ def test_speeds_stay_within_the_limits_of_the_node(start):
 
 def test_stamps_that_increase_say_how_fast_each_part_is_driven(start):
     node, x = start(), np.linspace(0.0, 4.0, 41)
-    robot = Robot(node, x=-0.15)
-    node.topics["path"](path(np.stack([x, 0 * x], 1), times=50.0 + np.where(x < 2.0, x / 0.5, 4.0 + (x - 2.0) / 0.2)))
+    times = 50.0 + np.where(x < 2.0, x / 0.5, 4.0 + (x - 2.0) / 0.2)
+    robot = Robot(node, path(np.stack([x, 0 * x], 1), times), x=-0.15)
     robot.drive(25.0)
-    places, speeds = np.array(robot.points)[:, 0], np.array(robot.commands)[:, 0]
+    places, speeds = np.array(robot.points)[:, 0], robot.speeds
     assert speeds[(places > 1.2) & (places < 1.6)].mean() == pytest.approx(0.5, abs=0.02)
     assert speeds[(places > 2.5) & (places < 3.5)].mean() == pytest.approx(0.2, abs=0.02)
 
@@ -418,14 +403,13 @@ def test_a_parameter_out_of_bounds_is_refused_with_a_reason_and_changes_nothing(
 
 
 def test_a_gain_is_taken_while_it_drives_and_the_state_of_the_law_stays(start):
-    node = start()
-    robot = Robot(node, x=-0.15)
-    node.topics["path"](straight())
+    robot = Robot(start(), straight(), x=-0.15)
+    node = robot.node
     robot.drive(4.0)
     assert node.set_parameter("controller.inner.k1", 4.0) == ""
     robot.drive(0.1)
     assert node.follower.values["controller.inner.k1"] == 4.0
-    assert np.abs(np.diff(np.array(robot.commands)[-20:, 0])).max() < 0.01  # no bump
+    assert np.abs(np.diff(robot.speeds[-20:])).max() < 0.01  # no bump
     robot.drive(20.0)
     assert said(node, "error") == [] and "path finished" in said(node, "info")[-1]
 
@@ -434,12 +418,10 @@ def test_a_gain_that_the_law_only_starts_from_changes_nothing_while_it_drives(st
     drives = []
     for changes in (False, True):
         monkeypatch.setattr(Node, "now", 100.0)
-        node = start()
-        robot = Robot(node, y=0.1)
-        node.topics["path"](straight())
+        robot = Robot(start(), straight(), y=0.1)
         robot.drive(1.0)
         if changes:
-            assert node.set_parameter("controller.inner.varphi_start", 90.0) == ""
+            assert robot.node.set_parameter("controller.inner.varphi_start", 90.0) == ""
         robot.drive(1.0)
         drives.append(np.array(robot.commands))
     np.testing.assert_array_equal(*drives)
@@ -487,10 +469,10 @@ def test_the_parameters_files_are_yaml_whose_defaults_lie_in_their_bounds(export
         assert type(value) is TYPES[table["type"]] and table["description"], name
         for rule, limits in table.get("validation", {}).items():
             assert RULES[rule](value, *limits), name
-    tuned = agvjax.leaves(controller(kind))
-    assert {f"controller.{name}" for name in tuned} == {name for name in tables if name.startswith("controller.")}
+    tuned = {f"controller.{name}": value for name, value in agvjax.leaves(controller(kind)).items()}
+    assert set(tuned) == {name for name in tables if name.startswith("controller.")}
     for name, value in tuned.items():
-        assert np.array_equal(tables[f"controller.{name}"]["default_value"], value), name
+        assert np.array_equal(tables[name]["default_value"], value), name
     k1 = tables["controller.inner.k1"]
     assert "1/s" in k1["description"] and "eq. (32)" in k1["description"]
     assert k1["validation"] == {"gt<>": [0.0], "lt_eq<>": [100.0]}  # 2 / period
@@ -522,16 +504,14 @@ def test_the_package_is_one_that_ros_can_build(exported, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["Follower", "2wheels", "a", "two words", "a__b", "../up"])
-def test_a_name_that_is_none_of_a_package_is_refused(exported, name, tmp_path):
-    (tmp_path / "gains.toml").write_text(gains_table(controller("unicycle")))
+def test_a_name_that_is_none_of_a_package_is_refused(name, tmp_path):
     with pytest.raises(agvjax.InputError, match="--name"):
-        ros2.files(artefact.read(str(tmp_path / "gains.toml")), name)
+        package_of(controller("unicycle"), tmp_path, name)
 
 
 def test_a_vehicle_that_takes_no_velocity_is_refused(tmp_path):
-    (tmp_path / "gains.toml").write_text(gains_table(agvjax.Sampled(inner=LAW, vehicle=agvjax.Decoupled())))
     with pytest.raises(agvjax.InputError, match="controller.vehicle = Decoupled"):
-        ros2.files(artefact.read(str(tmp_path / "gains.toml")))
+        package_of(agvjax.Sampled(inner=LAW, vehicle=agvjax.Decoupled()), tmp_path)
 
 
 def test_odometry_of_the_axle_becomes_the_motion_of_the_point_ahead():
@@ -553,11 +533,9 @@ def test_the_reference_is_smooth_its_derivatives_those_of_differences():
     made.drive(0.0, 0.0, 0.4, 0.3, 1.0, 1.5)
     times, h = np.linspace(0.1, made.motion.duration - 0.1, 400), 1e-4
     now, later, before = ([made.at(t + d, 0.0) for t in times] for d in (0.0, h, -h))
-    for name, rate, most in [
-        ("position", "velocity", 1e-6),
-        ("velocity", "acceleration", 2e-4),
-        ("heading", "heading_rate", 1e-5),
-    ]:
+    tolerances = {"position": 1e-6, "velocity": 2e-4, "heading": 1e-5}
+    rates = ("velocity", "acceleration", "heading_rate")
+    for (name, most), rate in zip(tolerances.items(), rates, strict=True):
         slopes = [(b[name] - a[name]) / (2 * h) for a, b in zip(before, later, strict=True)]
         np.testing.assert_allclose(slopes, [x[rate] for x in now], atol=most)
     speeds = [np.linalg.norm(x["velocity"]) for x in now]

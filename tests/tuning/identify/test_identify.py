@@ -88,14 +88,43 @@ def settings(**more):
     return resolve({"scenario": {"plant": "unicycle"}, "identify": {"starts": 2, **more}})
 
 
-def command(*arguments):
-    """The command in a process of its own, which sets the compiler's options: several times faster."""
-    return shell("identify", *arguments, "--set", "scenario.plant=unicycle")
+@pytest.fixture
+def log_of(tmp_path):
+    """Rows as a log."""
+    return lambda rows, columns={}: load(written(tmp_path / "log.csv", rows), agvjax.Unicycle(), columns)
 
 
 def shell(*arguments):
-    line = [sys.executable, "-m", "tuning.cli", *arguments, "--quiet"]
+    """The command in a process of its own, which sets the compiler's options: several times faster."""
+    line = [sys.executable, "-m", "tuning.cli", *map(str, arguments), "--quiet"]
     return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+NO_DRIVES = ("--set", "identify.drives=0")  # none is suggested
+ONE_START = ("--set", "identify.starts=1", *NO_DRIVES)
+UNICYCLE = ("--set", "scenario.plant=unicycle")
+
+
+def identified(out, *arguments):
+    """What a log tells, through the command."""
+    done = shell("identify", "--out", out, *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads((out / "estimates.json").read_text())
+
+
+def assert_deadzones_are_those_of(true, estimates):
+    """Every slope within 2 %, every threshold within 3 %; returns how far off they are."""
+    off = {}
+    for name, e in estimates.items():
+        if name.startswith("deadzone."):
+            off[name] = abs(e["value"] / float(get(true, name)) - 1) if e["identified"] else np.inf
+            assert off[name] < (0.02 if ".slope_" in name else 0.03), name
+    return off
+
+
+def outside(true, estimates):
+    """Numbers that are not in their intervals."""
+    return [n for n, e in estimates.items() if e["identified"] and not e["low"] <= float(get(true, n)) <= e["high"]]
 
 
 # ---- what is found
@@ -111,21 +140,15 @@ def found(tmp_path_factory):
     rows[spikes, 1] += rng.choice([-1, 1], 30) * rng.uniform(0.1, 2.0, 30)
     rows[rng.choice(len(rows), 100, replace=False), 4] = np.nan
     rows[rng.choice(len(rows), 20, replace=False), 1:6] = np.nan
-    more = ["--set", "identify.starts=1", "--set", "identify.drives=0"]
-    done = command(written(folder / "log.csv", rows), "--out", str(folder / "out"), *more)
-    assert done.returncode == 0, done.stderr
-    return folder / "out", json.loads((folder / "out" / "estimates.json").read_text())
+    out = folder / "out"
+    return out, identified(out, written(folder / "log.csv", rows), *UNICYCLE, *ONE_START)
 
 
 def test_a_minute_tells_every_number_of_a_vehicle(found):
     true, told = truth(1), found[1]["parameters"]
     assert sum(e["identified"] for e in told.values()) >= 20
-    for name, e in told.items():
-        if name.startswith("deadzone."):
-            allowed = 0.02 if ".slope_" in name else 0.03
-            assert e["identified"] and abs(e["value"] / float(get(true, name)) - 1) < allowed, name
-    outside = [n for n, e in told.items() if e["identified"] and not e["low"] <= float(get(true, n)) <= e["high"]]
-    assert len(outside) <= 3, outside  # of 21 intervals of 95 %
+    assert_deadzones_are_those_of(true, told)
+    assert len(outside(true, told)) <= 3, outside(true, told)  # of 21 intervals of 95 %
 
 
 def test_gaps_outliers_and_missing_measurements_are_counted(found):
@@ -158,23 +181,16 @@ def test_the_ensemble_is_the_posterior(found):
 @pytest.mark.slow
 def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
     """Every threshold within 3 %, every slope within 2 %, each in its interval in at least 9 of 10 drives."""
-    missed, count, off = [], 0, {"slope": [], "threshold": []}
+    missed, count, off = [], 0, []
     for seed in range(10):
-        out, true = tmp_path / f"out{seed}", truth(seed)
-        file = written(tmp_path / "log.csv", drive(seed))
-        done = command(file, "--out", str(out), "--set", "identify.starts=2", "--set", "identify.drives=0")
-        assert done.returncode == 0, done.stderr
-        for name, e in json.loads((out / "estimates.json").read_text())["parameters"].items():
-            value = float(get(true, name))
-            if name.startswith("deadzone."):
-                allowed = 0.02 if ".slope_" in name else 0.03
-                assert e["identified"] and abs(e["value"] / value - 1) < allowed, (seed, name)
-                off[name.rpartition(".")[2].partition("_")[0]].append(abs(e["value"] / value - 1))
-            if e["identified"]:
-                count += 1
-                missed += [] if e["low"] <= value <= e["high"] else [name]
-    worst = ", ".join(f"{name} within {max(errors):.2%}" for name, errors in off.items())
-    print(f"{worst}; {count - len(missed)} of {count} intervals hold the truth")
+        file, more = written(tmp_path / "log.csv", drive(seed)), ("--set", "identify.starts=2", *NO_DRIVES)
+        told = identified(tmp_path / f"out{seed}", file, *UNICYCLE, *more)["parameters"]
+        off += assert_deadzones_are_those_of(truth(seed), told).items()
+        count += sum(e["identified"] for e in told.values())
+        missed += outside(truth(seed), told)
+    for part in ("slope", "threshold"):
+        print(f"{part} within {max(error for name, error in off if part in name):.2%}")
+    print(f"{count - len(missed)} of {count} intervals hold the truth")
     deadzones = [missed.count(name) for name in missed if name.startswith("deadzone.")]
     assert max(deadzones, default=0) <= 1, missed
     assert len(missed) <= 0.08 * count, missed
@@ -214,10 +230,10 @@ def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_v
     (tmp_path / "base.toml").write_text(configuration.dump(base))
     (tmp_path / "true.toml").write_text(configuration.dump(known))
     log, found = written(tmp_path / "log.csv", drive(seed)), str(tmp_path / "found")
-    assert shell("identify", log, "--config", str(tmp_path / "base.toml"), "--out", found).returncode == 0
+    assert shell("identify", log, "--config", tmp_path / "base.toml", "--out", found).returncode == 0
     judges, errors = sample(known.scenario, base.ensemble.draws, 64, 99), {}
     for name, file in (("identified", f"{found}/scenario.toml"), ("true", str(tmp_path / "true.toml"))):
-        done = shell("tune", "--config", file, "--out", str(tmp_path / name))
+        done = shell("tune", "--config", file, "--out", tmp_path / name)
         assert (tmp_path / name / "gains.toml").is_file(), done.stderr
         law = configuration.load([file, str(tmp_path / name / "gains.toml")], []).controller
         metrics = agvjax.evaluate(law, judges)
@@ -239,10 +255,7 @@ def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
     seen = np.column_stack([t, *(log.measured[c] for c in ("x", "y", "heading", "vx", "vy")), u])
     seen[:, 1:6] += np.random.default_rng(0).normal(size=(t.size, 5)) * [2e-3, 2e-3, 1e-3, 4e-3, 4e-3]
     file, out = written(tmp_path / "log.csv", seen), tmp_path / "out"
-    more = ["--set", "identify.starts=1", "--set", "identify.drives=0"]
-    done = command(file, "--out", str(out), "--fit", "deadzone,delay", *more)
-    assert done.returncode == 0, done.stderr
-    told = json.loads((out / "estimates.json").read_text())["parameters"]
+    told = identified(out, file, "--fit", "deadzone,delay", *UNICYCLE, *ONE_START)["parameters"]
     for part in ("slope_left", "threshold_left"):
         e = told[f"deadzone.acceleration.{part}"]
         assert e["identified"] is False and "value" not in e
@@ -264,9 +277,8 @@ def test_the_prediction_is_that_of_the_simulator():
     n, start = run.t.size, agvjax.check(scenario).start
     state = ravel_pytree(scenario.plant.start(start))[0]
     empty, steps = np.zeros((n, 3)), np.full(n, 0.02)
-    rows = Segments(
-        np.asarray(run.t), steps, np.asarray(run.inputs), np.ones(n), empty, empty, np.arange(n), np.zeros(())
-    )
+    t, inputs = np.asarray(run.t), np.asarray(run.inputs)
+    rows = Segments(t, steps, inputs, np.ones(n), empty, empty, np.arange(n), np.zeros(()))
     seen = np.asarray(jax.jit(model.predict)(jnp.asarray(p), state, rows))
     assert np.allclose(seen[:, :2], run.position, atol=1e-9) and np.allclose(seen[:, 2], run.heading, atol=1e-9)
 
@@ -276,16 +288,8 @@ def test_the_prediction_is_that_of_the_simulator():
 
 def test_a_suggested_drive_keeps_to_its_room_and_excites_every_side(tmp_path):
     out = tmp_path / "out"
-    options = [
-        "--set",
-        "scenario.plant=unicycle",
-        "--set",
-        "identify.drives=4",
-        "--set",
-        "identify.duration=20",
-        "--quiet",
-    ]
-    assert main(["identify", "--out", str(out), *options]) == 0
+    options = ("--set", "identify.drives=4", "--set", "identify.duration=20", "--quiet")
+    assert main(["identify", "--out", str(out), *UNICYCLE, *options]) == 0
     with open(out / "excitation.csv") as stream:
         rows = list(csv.DictReader(stream))
     for name in ("acceleration", "yaw_acceleration"):
@@ -313,11 +317,18 @@ def good():
     return drive(1)[:600]
 
 
-def refused(tmp_path, capsys, rows, header=COLUMNS, options=()):
-    file, out = written(tmp_path / "log.csv", rows, header), tmp_path / "out"
-    code = main(["identify", file, "--set", "scenario.plant=unicycle", "--out", str(out), "--quiet", *options])
-    assert code == 2 and not out.exists()
-    return capsys.readouterr().err
+@pytest.fixture
+def refused(tmp_path, capsys):
+    """What is said of logs, as files or as rows, that are refused."""
+
+    def said(*logs, header=COLUMNS, options=()):
+        file, out = tmp_path / "log.csv", tmp_path / "out"
+        files = [str(log) if isinstance(log, str | Path) else written(file, log, header) for log in logs]
+        assert main(["identify", *files, *UNICYCLE, "--out", str(out), "--quiet", *options]) == 2
+        assert not out.exists()
+        return capsys.readouterr().err
+
+    return said
 
 
 def scaled(rows, **factors):
@@ -327,8 +338,8 @@ def scaled(rows, **factors):
     return rows
 
 
-def test_a_missing_column_is_named(good, tmp_path, capsys):
-    message = refused(tmp_path, capsys, good[:, :-1], COLUMNS[:-1])
+def test_a_missing_column_is_named(good, refused):
+    message = refused(good[:, :-1], header=COLUMNS[:-1])
     assert "no column yaw_acceleration" in message and "identify.columns" in message
 
 
@@ -342,32 +353,30 @@ def test_a_missing_column_is_named(good, tmp_path, capsys):
         (dict(vx=3.6, vy=3.6), 'unit = "km/h"'),
     ],
 )
-def test_a_wrong_unit_is_noticed(good, tmp_path, capsys, change, words):
-    assert words in refused(tmp_path, capsys, scaled(good, **change))
+def test_a_wrong_unit_is_noticed(good, refused, change, words):
+    assert words in refused(scaled(good, **change))
 
 
 @pytest.mark.parametrize(
     ("order", "sign", "words"),
     [((2, 1, 3, 5, 4), 1, "exchanged"), ((1, 2, 3, 4, 5), -1, "counts clockwise, or one of x and y")],
 )
-def test_axes_of_another_convention_are_noticed(good, tmp_path, capsys, order, sign, words):
+def test_axes_of_another_convention_are_noticed(good, refused, order, sign, words):
     rows = good.copy()
     rows[:, 1:6] = good[:, order]
     rows[:, 3] *= sign
-    assert words in refused(tmp_path, capsys, rows)
+    assert words in refused(rows)
 
 
-def test_a_file_of_another_separator_is_named(good, tmp_path, capsys):
+def test_a_file_of_another_separator_is_named(good, tmp_path, refused):
     file = Path(written(tmp_path / "log.csv", good))
     file.write_text(file.read_text().replace(",", ";"))
-    assert main(["identify", str(file), "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
-    assert "semicolons" in capsys.readouterr().err
+    assert "semicolons" in refused(file)
 
 
-def test_a_stated_unit_is_converted(good, tmp_path):
-    file = written(tmp_path / "log.csv", scaled(good, heading=180 / np.pi, t=1000))
+def test_a_stated_unit_is_converted(good, log_of):
     columns = {"heading": Column("heading", "deg"), "t": Column("t", "ms")}
-    log = load(file, agvjax.Unicycle(), columns)
+    log = log_of(scaled(good, heading=180 / np.pi, t=1000), columns)
     assert np.allclose(log.measured["heading"], good[:, 3], atol=1e-5) and np.isclose(log.t[-1], good[-1, 0])
 
 
@@ -393,46 +402,44 @@ def test_commands_of_another_sign_unit_or_order_are_noticed(good, tmp_path, chan
     """By the fit: nothing in the columns themselves betrays them."""
     rows = good.copy()
     rows[:, 6:] = rows[:, 6:] @ change.T
-    done = command(written(tmp_path / "log.csv", rows), "--out", str(tmp_path / "out"), "--set", "identify.starts=1")
+    log, out = written(tmp_path / "log.csv", rows), tmp_path / "out"
+    done = shell("identify", log, "--out", out, *UNICYCLE, "--set", "identify.starts=1")
     assert done.returncode == 2 and not (tmp_path / "out").exists()
     assert words in done.stderr and mended in done.stderr and "Traceback" not in done.stderr
 
 
-def test_a_factor_mends_a_column(good, tmp_path):
+def test_a_factor_mends_a_column(good, tmp_path, log_of):
     columns = {"acceleration": Column("acceleration", factor=-2.0), "t": Column("t", "ms", 1e3)}
-    log = load(written(tmp_path / "log.csv", good), agvjax.Unicycle(), columns)
+    log = log_of(good, columns)
     assert np.allclose(log.inputs[:, 0], -2 * good[:, 6], rtol=1e-6) and np.isclose(log.t[-1], good[-1, 0])
     config = settings(columns={name: place._asdict() for name, place in columns.items()})
     (tmp_path / "config.toml").write_text(configuration.dump(config))
     assert configuration.load([str(tmp_path / "config.toml")], []).identify.columns == columns
 
 
-def test_time_that_stands_still_is_named(good, tmp_path, capsys):
+def test_time_that_stands_still_is_named(good, refused):
     rows = good.copy()
     rows[100, 0] = rows[99, 0]
-    assert "row 102, column t" in refused(tmp_path, capsys, rows)
+    assert "row 102, column t" in refused(rows)
 
 
 @pytest.mark.parametrize(
     "text", ["", "t,x\n", "\x00\x01\x02", "t,x,y,heading,acceleration,yaw_acceleration\n0,0,0,0,0,0\n"]
 )
-def test_empty_short_and_binary_files_are_refused(tmp_path, capsys, text):
+def test_empty_short_and_binary_files_are_refused(tmp_path, refused, text):
     (tmp_path / "log.csv").write_text(text)
-    options = ["--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]
-    assert main(["identify", str(tmp_path / "log.csv"), *options]) == 2
-    assert "log.csv" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert "log.csv" in refused(tmp_path / "log.csv")
 
 
-def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, capsys):
+def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, refused):
     rows = good.copy()
     rows[5, 6] = np.nan  # written as an empty cell: a command must be there
-    assert "row 7, column acceleration" in refused(tmp_path, capsys, rows)
+    assert "row 7, column acceleration" in refused(rows)
     file = written(tmp_path / "log.csv", good)
     text = Path(file).read_text().splitlines()
     text[3] = text[3].replace(text[3].split(",")[1], "nan", 1)
     Path(file).write_text("\n".join(text))
-    assert main(["identify", file, "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
-    assert "must be a finite number" in capsys.readouterr().err
+    assert "must be a finite number" in refused(file)
 
 
 @pytest.mark.parametrize(
@@ -453,46 +460,42 @@ def test_nan_is_refused_and_an_empty_cell_is_no_measurement(good, tmp_path, caps
         ("identify.fit=[]", "identify.fit"),
     ],
 )
-def test_bad_settings_are_named(good, tmp_path, capsys, option, key):
-    assert key in refused(tmp_path, capsys, good, options=["--set", option])
+def test_bad_settings_are_named(good, refused, option, key):
+    assert key in refused(good, options=["--set", option])
 
 
-def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, capsys):
+def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, refused):
     short, pose = written(tmp_path / "short.csv", good[:200]), tmp_path / "pose.csv"
     written(pose, np.delete(good, [4, 5], axis=1), [name for name in COLUMNS if name not in ("vx", "vy")])
-    assert "short.csv" in refused(tmp_path, capsys, good, options=["--unseen", short])
-    assert "pose.csv" in refused(tmp_path, capsys, good, options=["--unseen", str(pose)])
+    assert "short.csv" in refused(good, options=["--unseen", short])
+    assert "pose.csv" in refused(good, options=["--unseen", str(pose)])
 
 
-def test_the_same_drive_twice_is_refused(good, tmp_path, capsys):
-    files = [written(tmp_path / name, good) for name in ("log.csv", "again.csv")]
-    assert main(["identify", *files, "--set", "scenario.plant=unicycle", "--out", str(tmp_path / "out")]) == 2
-    assert "again.csv" in (said := capsys.readouterr().err) and "the same drive twice" in said
+def test_the_same_drive_twice_is_refused(good, tmp_path, refused):
+    message = refused(good, written(tmp_path / "again.csv", good))
+    assert "again.csv" in message and "the same drive twice" in message
 
 
-def test_a_channel_that_stands_exactly_still_for_long_loses_no_measurements(good, tmp_path):
+def test_a_channel_that_stands_exactly_still_for_long_loses_no_measurements(good, log_of):
     parked = np.repeat(good[:1], 2 * len(good), axis=0)
     parked[:, 0] = np.arange(len(parked)) * 0.02
     rows = np.vstack([parked, good])
     rows[len(parked) :, 0] += parked[-1, 0] + 0.02
-    _, counts = cut([load(written(tmp_path / "log.csv", rows), agvjax.Unicycle(), {})], 1.0, 0.3, 5.0)
+    _, counts = cut([log_of(rows)], 1.0, 0.3, 5.0)
     assert counts.outliers < 0.01 * rows.size
 
 
-def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, tmp_path):
-    one = load(written(tmp_path / "a.csv", good), agvjax.Unicycle(), {})
-    late = good.copy()
-    late[:, 0] += 100
-    two = load(written(tmp_path / "b.csv", late), agvjax.Unicycle(), {})
+def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, log_of):
+    one, two = log_of(good), log_of(good + 100.0 * (np.arange(good.shape[1]) == 0))  # the second a while later
     both, same = together([one, two])
     assert same and np.isclose(both[1].t[0], 100)
     both, same = together([one, one])
     assert not same and both[1].t[0] == 0
 
 
-def test_stretches_cover_the_log_once_and_none_crosses_a_gap(good, tmp_path):
+def test_stretches_cover_the_log_once_and_none_crosses_a_gap(good, log_of):
     rows = np.delete(good, np.r_[300:340], axis=0)
-    log = load(written(tmp_path / "log.csv", rows), agvjax.Unicycle(), {})
+    log = log_of(rows)
     segments, counts = cut([log], 1.0, 0.3, 5.0)
     seen = segments.rows[(segments.weight.max(axis=2) > 0)]
     assert counts.gaps == 1 and len(np.unique(seen)) == len(seen)
@@ -508,12 +511,8 @@ def test_stretches_cover_the_log_once_and_none_crosses_a_gap(good, tmp_path):
 
 @pytest.mark.slow
 def test_the_mujoco_robot_is_predicted_within_two_centimetres(tmp_path):
-    out = tmp_path / "out"
-    files = [str(LOGS / name) for name in ("robot-excited.csv", "robot-lemniscate.csv")]
-    unseen = ["--unseen", str(LOGS / "robot-spline.csv")]
-    done = shell("identify", *files, *unseen, "--config", "robot", "--out", str(out), "--set", "identify.drives=0")
-    assert done.returncode == 0, done.stderr
-    found = json.loads((out / "estimates.json").read_text())
+    files = LOGS / "robot-excited.csv", LOGS / "robot-lemniscate.csv", "--unseen", LOGS / "robot-spline.csv"
+    found = identified(tmp_path / "out", *files, "--config", "robot", *NO_DRIVES)
     assert found["predictions"][0]["worst"] < 0.02 and found["predictions"][0]["windows"] >= 15
     true = agvjax.DifferentialDrive().deadzones()["torque_left"]
     for name, e in found["parameters"].items():
@@ -524,10 +523,8 @@ def test_the_mujoco_robot_is_predicted_within_two_centimetres(tmp_path):
 @pytest.mark.slow
 def test_no_sinusoid_is_given_where_nothing_pushes(tmp_path):
     """What the model lacks repeats with the drive: its white-noise covariance would believe in half a rad/s here."""
-    out, more = tmp_path / "out", ["--set", "identify.starts=1", "--set", "identify.drives=0"]
-    done = shell("identify", str(LOGS / "robot-excited.csv"), "--config", "robot", "--out", str(out), *more)
-    assert done.returncode == 0, done.stderr
-    told = json.loads((out / "estimates.json").read_text())["parameters"]
+    out = tmp_path / "out"
+    told = identified(out, LOGS / "robot-excited.csv", "--config", "robot", *ONE_START)["parameters"]
     pushes = {name: e for name, e in told.items() if name.startswith("disturbance.")}
     assert len(pushes) == 10 and not any(e["identified"] for e in pushes.values())
     assert "no clearer than chance" in pushes["disturbance.omega"]["reason"]

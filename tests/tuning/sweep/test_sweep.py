@@ -6,14 +6,14 @@ import subprocess
 import sys
 import time
 
-import jax
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.stats import qmc
 
 import agvjax
-from agvjax import Command, Scenario
+from agvjax import Scenario
+from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
 from tuning import config as configuration
 from tuning.config.complete import complete
@@ -26,28 +26,7 @@ from tuning.sweep.laws import named
 RIGHT, LEFT = (f"deadzone.position.threshold_{side}" for side in ("right", "left"))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def promotion_as_optax_has_it():
-    """As in test_tuning.py."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
-
-
-@agvjax.pytree
-class Proportional(agvjax.Law):
-    """A law that compiles quickly."""
-
-    stiffness: float = 30.0
-    damping: float = 8.0
-    turn: float = 4.0
-
-    def init(self, measurement, reference):
-        return ()
-
-    def law(self, flow, memory, measurement, reference):
-        e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
-        heading = reference.heading_rate - self.turn * (measurement.heading - reference.heading)
-        return Command(position=-self.stiffness * e - self.damping * de, heading=heading), ()
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
 
 LAW = Proportional()
@@ -55,14 +34,9 @@ LAW = Proportional()
 
 def config_of(*over, law=LAW, **sweep):
     """A sweep of half a second."""
-    return complete(
-        Config(
-            controller=law,
-            simulate=Simulate(horizon=0.5),
-            tune=Tune(search=Search(scouts=32, starts=3, iterations=6)),
-            sweep=Sweep(over=over, metrics=("total_rmse",), integrator="euler", **sweep),
-        )
-    )
+    tune = Tune(search=Search(scouts=32, starts=3, iterations=6))
+    swept = Sweep(over=over, metrics=("total_rmse",), integrator="euler", **sweep)
+    return complete(Config(controller=law, simulate=Simulate(horizon=0.5), tune=tune, sweep=swept))
 
 
 STEPS = {"dt": 1e-2, "n_steps": 50, "integrator": agvjax.EULER}
@@ -75,34 +49,29 @@ def test_a_grid_is_crossed_and_what_is_paired_moves_as_one():
     paired = {RIGHT: Span(Between(0.0, 1.0), 3), LEFT: Span(Times(0.0, 2.0), 3)}
     plan = design(config_of(paired, {"deadzone.position.slope_right": Span(OneOf((0.5, 0.7)), 2)}))
     assert plan.shape == (3, 2) and plan.samples == 1 and plan.size == 6
-    made = plan.values(0, 6)
-    np.testing.assert_allclose(made[RIGHT], [0.0, 0.0, 0.5, 0.5, 1.0, 1.0])
-    np.testing.assert_allclose(made[LEFT], [0.0, 0.0, 0.4, 0.4, 0.8, 0.8])  # nominal .4
-    np.testing.assert_allclose(made["deadzone.position.slope_right"], [0.5, 0.7] * 3)
+    values = plan.values(0, 6)
+    np.testing.assert_allclose(values[RIGHT], [0.0, 0.0, 0.5, 0.5, 1.0, 1.0])
+    np.testing.assert_allclose(values[LEFT], [0.0, 0.0, 0.4, 0.4, 0.8, 0.8])  # nominal .4
+    np.testing.assert_allclose(values["deadzone.position.slope_right"], [0.5, 0.7] * 3)
 
 
 def test_elements_and_gains_are_leaves_too():
-    plan = design(
-        config_of(
-            {"start.position[1]": Span(Between(2.0, 4.0), 2)},
-            {"controller.damping": Span(Times(0.5, 1.0), 2)},
-            {"start.velocity": Span(Between(0.0, 1.0), 2)},
-        )
-    )
-    made = plan.values(0, 8)
-    np.testing.assert_allclose(made["start.position"], [[-0.5, 2.0]] * 4 + [[-0.5, 4.0]] * 4)
-    np.testing.assert_allclose(made["controller.damping"], [4.0, 4.0, 8.0, 8.0] * 2)
-    np.testing.assert_allclose(made["start.velocity"], [[0.0, 0.0], [1.0, 1.0]] * 4)
-    law, scenario = plan.split(made)
+    place, speed = {"start.position[1]": Span(Between(2.0, 4.0), 2)}, {"start.velocity": Span(Between(0.0, 1.0), 2)}
+    plan = design(config_of(place, {"controller.damping": Span(Times(0.5, 1.0), 2)}, speed))
+    values = plan.values(0, 8)
+    np.testing.assert_allclose(values["start.position"], [[-0.5, 2.0]] * 4 + [[-0.5, 4.0]] * 4)
+    np.testing.assert_allclose(values["controller.damping"], [4.0, 4.0, 8.0, 8.0] * 2)
+    np.testing.assert_allclose(values["start.velocity"], [[0.0, 0.0], [1.0, 1.0]] * 4)
+    law, scenario = plan.split(values)
     assert set(law) == {"damping"} and set(scenario) == {"start.position", "start.velocity"}
 
 
 def test_samples_are_the_same_at_every_node():
     plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 4)}, {LEFT: Span(Between(0.0, 1.0))}, samples=5))
-    made = plan.values(0, 20)
-    np.testing.assert_array_equal(made[LEFT].reshape(4, 5), np.tile(made[LEFT][:5], (4, 1)))
-    np.testing.assert_allclose(made[RIGHT].reshape(4, 5)[:, 0], [0, 1 / 3, 2 / 3, 1])
-    assert len(set(made[LEFT])) == 5
+    values = plan.values(0, 20)
+    np.testing.assert_array_equal(values[LEFT].reshape(4, 5), np.tile(values[LEFT][:5], (4, 1)))
+    np.testing.assert_allclose(values[RIGHT].reshape(4, 5)[:, 0], [0, 1 / 3, 2 / 3, 1])
+    assert len(set(values[LEFT])) == 5
 
 
 @pytest.mark.parametrize(
@@ -150,52 +119,41 @@ def test_a_distribution_is_swept_without_its_tails():
 @pytest.fixture(scope="module")
 def small():
     """Two gains by two thresholds by samples of the start, and the judge of it."""
-    config = config_of(
-        {"controller.stiffness": Span(OneOf((15.0, 25.0)), 2)},
-        {RIGHT: Span(Between(0.2, 0.9), 2)},
-        {"start.heading": Span(Between(-0.5, 0.5))},
-        samples=5,
-        shard=7,
-    )
+    gains, start = {"controller.stiffness": Span(OneOf((15.0, 25.0)), 2)}, {"start.heading": Span(Between(-0.5, 0.5))}
+    config = config_of(gains, {RIGHT: Span(Between(0.2, 0.9), 2)}, start, samples=5, shard=7)
     plan = design(config)
     return config, plan, work.judges(config, plan, [config.controller], 7)
 
 
 def manifest_of(config, plan):
-    return shards.manifest(
-        "the configuration",
-        config.seed,
-        {"configured": "its gains"},
-        plan.size,
-        config.sweep.shard,
-        metrics={"total_rmse": "m, rad"},
-        leaves={name: plan.unit(name) for name in plan.names},
-    )
+    units = {"metrics": {"total_rmse": "m, rad"}, "leaves": {name: plan.unit(name) for name in plan.names}}
+    law = {"configured": "its gains"}
+    return shards.manifest("the configuration", config.seed, law, plan.size, config.sweep.shard, **units)
 
 
 def rolled(folder, small, **more):
     config, plan, judges = small
-    made = manifest_of(config, plan)
-    shards.write_manifest(folder, made)
-    return made, work.run(folder, made, plan, judges, **more)
+    manifest = manifest_of(config, plan)
+    shards.write_manifest(folder, manifest)
+    return manifest, work.run(folder, manifest, plan, judges, **more)
 
 
 def test_shards_hold_what_single_runs_give(small, tmp_path):
     config, plan, _ = small
-    made, count = rolled(tmp_path, small)
-    assert count == 3 and [made.span(i) for i in range(made.shards)] == [(0, 7), (7, 7), (14, 6)]
-    whole = [shards.read_shard(tmp_path, made, i) for i in range(3)]
+    manifest, count = rolled(tmp_path, small)
+    assert count == 3 and [manifest.span(i) for i in range(manifest.shards)] == [(0, 7), (7, 7), (14, 6)]
+    whole = [shards.read_shard(tmp_path, manifest, i) for i in range(3)]
     rmse = np.concatenate([part["result/total_rmse"][0] for part in whole])
     assert len(set(rmse)) == 20
     for number in (0, 6, 13, 19):
         law, scenario = plan.split({name: value[0] for name, value in plan.values(number, 1).items()})
         one = agvjax.evaluate(agvjax.replace(config.controller, law), agvjax.replace(Scenario(), scenario), **STEPS)
         np.testing.assert_allclose(rmse[number], one.total_rmse, rtol=1e-12)
-    assert shards.read_manifest(tmp_path) == made
+    assert shards.read_manifest(tmp_path) == manifest
 
 
 def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(small, tmp_path):
-    made, _ = rolled(tmp_path, small)
+    manifest, _ = rolled(tmp_path, small)
     before = {i: shards.path_of(tmp_path, i).read_bytes() for i in range(3)}
     time_of_first = shards.path_of(tmp_path, 0).stat().st_mtime_ns
     cut = shards.path_of(tmp_path, 1)
@@ -203,9 +161,9 @@ def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(small, tmp_path
     flipped = bytearray(before[2])
     flipped[200] ^= 1  # inside the first array
     shards.path_of(tmp_path, 2).write_bytes(bytes(flipped))
-    assert shards.read_shard(tmp_path, made, 1) is None and shards.read_shard(tmp_path, made, 2) is None
+    assert shards.read_shard(tmp_path, manifest, 1) is None and shards.read_shard(tmp_path, manifest, 2) is None
     ticks = []
-    assert work.run(tmp_path, made, *small[1:], tick=ticks.append) == 2
+    assert work.run(tmp_path, manifest, *small[1:], tick=ticks.append) == 2
     assert ticks == [7, 7, 6]
     assert {i: shards.path_of(tmp_path, i).read_bytes() for i in range(3)} == before  # archives carry no date
     assert shards.path_of(tmp_path, 0).stat().st_mtime_ns == time_of_first
@@ -213,8 +171,8 @@ def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(small, tmp_path
 
 def test_a_shard_of_another_sweep_is_none(small, tmp_path):
     config, plan, _ = small
-    made, _ = rolled(tmp_path, small)
-    other = made._replace(digest="another")
+    manifest, _ = rolled(tmp_path, small)
+    other = manifest._replace(digest="another")
     assert shards.read_shard(tmp_path, other, 0) is None
     (tmp_path / shards.MANIFEST).write_text("{}")
     with pytest.raises(ValueError, match="holds no sweep"):
@@ -247,9 +205,9 @@ def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp
 def made_up(plan, metrics, ok=None):
     """Results with these metrics (N,) of one controller."""
     values = {name: np.asarray(value, float)[None] for name, value in metrics.items()}
-    made = shards.manifest("", 0, {"one": ""}, plan.size, plan.size, metrics=dict.fromkeys(metrics, "1"), leaves={})
+    manifest = shards.manifest("", 0, {"one": ""}, plan.size, plan.size, metrics=dict.fromkeys(metrics, "1"), leaves={})
     ok = np.ones(plan.size, bool) if ok is None else ok
-    return results.Results(made, config_of(), plan, ok[None], values, plan.values(0, plan.size))
+    return results.Results(manifest, config_of(), plan, ok[None], values, plan.values(0, plan.size))
 
 
 @pytest.mark.parametrize(("p", "n"), [(0.01, 50), (0.3, 20), (0.002, 1000)])
@@ -268,8 +226,8 @@ def test_the_failure_probability_of_a_loop_is_that_which_can_be_computed():
     plan = design(config)
     rest = 0.5**2 + 2 * 0.1**2 + 0.1**2  # y, velocity and heading at the start
     truth = 1 - np.sqrt(Scenario().limit ** 2 - rest) / 2000.0
-    made = work.judges(config, plan, [config.controller], 400)[0](plan.values(0, 400))
-    found = made_up(plan, {"total_rmse": made["total_rmse"]}, np.asarray(made["ok"]))
+    answers = work.judges(config, plan, [config.controller], 400)[0](plan.values(0, 400))
+    found = made_up(plan, {"total_rmse": answers["total_rmse"]}, np.asarray(answers["ok"]))
     (seen,) = findings.failures(found, findings.failed(found, {}))
     assert seen.low <= truth <= seen.high and seen.diverged == seen.failed
     assert seen.high - seen.low < 0.11  # as wide as 400 draws make it
@@ -279,10 +237,8 @@ def test_a_run_fails_beyond_its_bound_and_where_it_has_no_value():
     plan = design(config_of({RIGHT: Span(Between(0.0, 1.0), 5)}))
     found = made_up(plan, {"total_rmse": [1.0, 2.0, np.nan, 3.0, np.inf]}, np.array([True, True, True, False, True]))
     assert findings.failed(found, {"total_rmse": 1.5}).tolist() == [[False, True, True, True, True]]
-    bounds = findings.absolute(
-        {"total_rmse": Bound(value=2.0), "effort": Bound(value=9.0, absolute=True)}, {"total_rmse": 0.7}
-    )
-    assert bounds == {"total_rmse": 1.4, "effort": 9.0}
+    bounds = {"total_rmse": Bound(value=2.0), "effort": Bound(value=9.0, absolute=True)}
+    assert findings.absolute(bounds, {"total_rmse": 0.7}) == {"total_rmse": 1.4, "effort": 9.0}
     assert findings.worst(np.array([1.0, np.inf, 3.0, 3.0]), 3).tolist() == [1, 2, 3]
 
 
@@ -302,8 +258,8 @@ def of_angles(method, samples):
     names = ("start.heading", "start.position[0]", "start.position[1]")
     over = [{name: Span(Between(-np.pi, np.pi))} for name in names]
     plan = design(config_of(*over, samples=samples, design=method))
-    made = plan.values(0, plan.size)
-    return plan, (made["start.heading"], made["start.position"][:, 0], made["start.position"][:, 1])
+    values = plan.values(0, plan.size)
+    return plan, (values["start.heading"], *values["start.position"].T)
 
 
 def test_sobol_indices_of_ishigamis_function():
@@ -374,7 +330,7 @@ def test_where_nothing_fails_the_radius_is_the_whole_box():
     plan = design(config)
     seeker = radius.adversary(config, plan, {"total_rmse": 1e6})
     seen = radius.radius(made_up(plan, {"total_rmse": np.zeros(2)}), np.zeros(2, bool), config.controller, seeker)
-    assert seen.radius == 1.0 and seen.failure is None
+    assert (seen.radius, seen.failure) == (1.0, None)
     np.testing.assert_allclose(seen.ends[RIGHT], [0.45, 0.55])
 
 
@@ -400,8 +356,8 @@ def test_a_batch_of_controllers_pairs_with_one_of_scenarios():
 def test_sensitivity_designs_stay_off_the_ends_of_a_distribution():
     for method in ("saltelli", "morris"):
         plan = design(config_of({"start.heading": Span(Distribution("norm", {}))}, samples=8, design=method))
-        made = plan.values(0, plan.size)["start.heading"]
-        assert np.all(np.abs(made) <= stats.norm.ppf(1 - 1e-3) + 1e-12) and len(set(made)) > 2
+        values = plan.values(0, plan.size)["start.heading"]
+        assert np.all(np.abs(values) <= stats.norm.ppf(1 - 1e-3) + 1e-12) and len(set(values)) > 2
 
 
 def test_a_failure_beyond_the_ends_of_a_distribution_does_not_widen_the_box():
@@ -432,9 +388,8 @@ def test_maps_need_two_axes_with_more_than_one_point():
         found = made_up(plan, {"total_rmse": np.arange(1.0, plan.size + 1)})
         drawn = figures.every(found, {"total_rmse": 2.0}, which[:, : plan.size], {})
         assert sum(name.startswith("map") for name in drawn) == maps and "cuts" in drawn
-    picture = figures._on_map(
-        made_up(design(config_of(*three)), {"total_rmse": np.arange(6.0)}), np.arange(6.0), np.max
-    )
+    numbers = np.arange(6.0)
+    picture = figures._on_map(made_up(design(config_of(*three)), {"total_rmse": numbers}), numbers, np.max)
     np.testing.assert_array_equal(picture, [[0, 1, 2], [3, 4, 5]])
 
 
@@ -459,14 +414,11 @@ def test_a_sweep_in_python_goes_on_where_it_ended_and_refuses_another(tmp_path):
 
 def test_the_table_of_xarray_holds_the_same_numbers():
     pytest.importorskip("xarray")
-    config = config_of(
-        {RIGHT: Span(Between(0.0, 1.0), 2), LEFT: Span(Between(0.1, 0.3), 2)},
-        {"start.position[0]": Span(Between(-1.0, 1.0))},
-        samples=3,
-    )
+    paired = {RIGHT: Span(Between(0.0, 1.0), 2), LEFT: Span(Between(0.1, 0.3), 2)}
+    config = config_of(paired, {"start.position[0]": Span(Between(-1.0, 1.0))}, samples=3)
     plan = design(config)
-    made = manifest_of(config, plan)
-    data = made_up(plan, {"total_rmse": np.arange(6.0)})._replace(manifest=made).to_xarray()
+    manifest = manifest_of(config, plan)
+    data = made_up(plan, {"total_rmse": np.arange(6.0)})._replace(manifest=manifest).to_xarray()
     assert dict(data.sizes) == {"controller": 1, RIGHT: 2, "sample": 3, "start.position_element": 2}
     assert data["total_rmse"].attrs["units"] == "m, rad" and data["start.position"].attrs["units"] == "m"
     np.testing.assert_array_equal(data["total_rmse"][0], [[0, 1, 2], [3, 4, 5]])

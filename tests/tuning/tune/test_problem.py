@@ -22,9 +22,10 @@ from agvjax import (
     NeuroBackstepping,
     SuperTwistingFTSMC,
 )
+from laws import Proportional
 from tuning import Between, Config, Distribution, Ensemble, Limit, Search, Simulate, Times, Tune, Weights, pose
 from tuning import config as configuration
-from tuning.tune.analysis import analyse
+from tuning.tune.analysis import analyse, conflict
 from tuning.tune.doctor import diagnose, first_bad, page
 from tuning.tune.judge import judged, unmet
 from tuning.tune.pareto import front
@@ -37,11 +38,7 @@ DRAWS = {"start.heading": Between(-0.5, 1.0), "deadzone.heading.slope_right": Ti
 NO_SEARCH = Search(scouts=4, checks=0, starts=1, iterations=1)
 
 
-@pytest.fixture(autouse=True, scope="module")
-def promotion_as_optax_has_it():
-    """As in test_tuning.py."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
 
 def problem(controller=None, draws=None, **tune):
@@ -72,26 +69,6 @@ def tuned(config):
 
 
 # ---------------------------------------------------------------------------------------------------------- any law
-
-
-@agvjax.pytree
-class Proportional(agvjax.Law):
-    """A law as a user would write it: plain fields, no rule, no bounds, a gain that may be negative."""
-
-    stiffness: float = 30.0
-    damping: float = 8.0
-    turn: float = 4.0
-    lean: float = -0.1
-
-    def init(self, measurement, reference):
-        return ()
-
-    def law(self, flow, memory, measurement, reference):
-        e, de = measurement.position - reference.position, measurement.velocity - reference.velocity
-        u = reference.acceleration - self.stiffness * e - self.damping * de + self.lean
-        return Command(
-            position=u, heading=reference.heading_rate - self.turn * (measurement.heading - reference.heading)
-        ), ()
 
 
 def test_a_law_of_the_users_own_is_tuned():
@@ -131,10 +108,8 @@ def test_every_law_of_the_package_is_tuned_out_of_the_box(law):
 
 @pytest.mark.slow
 def test_tied_gains_keep_their_ratio():
-    config = problem(
-        NeuroBackstepping(k1=18.0, k2=27.0), gains=("k1", "k3"), tied={"k2": "k1"}, limits={}, iterations=3
-    )
-    outcome, _ = tuned(config)
+    law = NeuroBackstepping(k1=18.0, k2=27.0)
+    outcome, _ = tuned(problem(law, gains=("k1", "k3"), tied={"k2": "k1"}, limits={}, iterations=3))
     assert abs(outcome.controller.k1 - 18.0) > 0.1
     np.testing.assert_allclose(outcome.controller.k2 / outcome.controller.k1, 1.5, rtol=1e-12)
 
@@ -172,8 +147,8 @@ def test_several_starts_go_as_one_batch_and_the_best_is_taken():
     outcome = searched(config)
     assert outcome.run.lead.best == min(p.best for p in outcome.run.searches)
     alone = searched(problem(iterations=8))
-    ours, single = outcome.run.searches[0], alone.progress
-    np.testing.assert_allclose(ours.best[1], single.best[1], rtol=1e-6)  # a start knows nothing of the others
+    # a start knows nothing of the others
+    np.testing.assert_allclose(outcome.run.searches[0].best[1], alone.progress.best[1], rtol=1e-6)
     assert outcome.run.total("rollouts") == sum(3 * p.iteration for p in outcome.run.searches)
 
 
@@ -185,17 +160,8 @@ def test_hard_limits_are_met_or_said_with_their_conflict():
     limits = {"rms_command_heading": Limit(mean=0.8, worst=0.8), "rmse_heading": Limit(mean=0.9)}
     outcome, over = tuned(problem(limits=limits, goals={"total_rmse": Weights(mean=1.0)}, iterations=60))
     assert over and any("above its limit" in line for line in over)
-    names = {r.name for r, _, price in conflict_of(outcome) if price > 1e-6}
-    assert {"mean rmse_heading", "mean rms_command_heading"} <= names or {
-        "mean rmse_heading",
-        "worst rms_command_heading",
-    } <= names
-
-
-def conflict_of(outcome):
-    from tuning.tune.analysis import conflict
-
-    return conflict(outcome.problem.tuner, outcome.progress.best_z)
+    names = {r.name for r, _, price in conflict(outcome.problem.tuner, outcome.progress.best_z) if price > 1e-6}
+    assert "mean rmse_heading" in names and {"mean rms_command_heading", "worst rms_command_heading"} & names
 
 
 @pytest.mark.parametrize(
@@ -225,8 +191,7 @@ def test_a_settling_time_can_be_asked_for():
     first = judged(config, config.controller, pose(config).tuner.batch).settling_time[:, 2]
     assert np.all(np.isfinite(first))
     wanted = 0.7 * float(first.max())
-    limits = {"settling_time_heading": Limit(worst=wanted, absolute=True)}
-    tune = dataclasses.replace(config.tune, limits=limits)
+    tune = dataclasses.replace(config.tune, limits={"settling_time_heading": Limit(worst=wanted, absolute=True)})
     outcome, over = tuned(dataclasses.replace(config, tune=tune))
     assert over == []
     reached = judged(config, outcome.controller, outcome.problem.tuner.batch).settling_time[:, 2]
@@ -246,18 +211,16 @@ def test_draws_that_break_a_rule_are_named():
 def test_what_is_learned_agrees_with_differences():
     posed = pose(problem(iterations=1))
     tuner, z = posed.tuner, posed.tuner.begin().z + 0.1
-    found = analyse(tuner, z)
+    standings = analyse(tuner, z).standings
     gains = np.array(tuner.gains.values(z, tuner.controller))
-    for k in range(2):
-        levels = []
-        for sign in (1, -1):
-            law = agvjax.replace(
-                tuner.controller, dict(zip(tuner.gains.names, gains * (1 + sign * 1e-5 * np.eye(2)[k]), strict=True))
-            )
-            at = tuner.gains.coordinates(law)
-            levels.append(np.asarray(tuner.weigh(*tuner.push(at, tuner.scenarios()))[0].levels))
-        slope = (levels[0] - levels[1]) / 2e-5 / np.array([s.level for s in found.standings])
-        np.testing.assert_allclose([s.slopes[k] for s in found.standings], slope, rtol=2e-3, atol=2e-4)
+
+    def levels(factors):
+        law = agvjax.replace(tuner.controller, dict(zip(tuner.gains.names, gains * factors, strict=True)))
+        return np.asarray(tuner.weigh(*tuner.push(tuner.gains.coordinates(law), tuner.scenarios()))[0].levels)
+
+    for k, share in enumerate(1e-5 * np.eye(2)):
+        slope = (levels(1 + share) - levels(1 - share)) / 2e-5 / np.array([s.level for s in standings])
+        np.testing.assert_allclose([s.slopes[k] for s in standings], slope, rtol=2e-3, atol=2e-4)
 
 
 def test_gains_that_do_the_same_are_named_alike():
@@ -268,9 +231,8 @@ def test_gains_that_do_the_same_are_named_alike():
         again: float = 1.0
 
         def law(self, flow, memory, measurement, reference):
-            return Proportional.law(
-                dataclasses.replace(self, turn=self.turn * self.again), flow, memory, measurement, reference
-            )
+            both = dataclasses.replace(self, turn=self.turn * self.again)
+            return Proportional.law(both, flow, memory, measurement, reference)
 
     posed = pose(problem(Twice(), gains=("turn", "again", "damping"), iterations=1))
     found = analyse(posed.tuner, posed.tuner.begin().z).identifiability
@@ -283,8 +245,8 @@ def test_more_command_buys_less_error():
     points = front(posed, "effort", [0.95, 1.0, 1.1])
     met = [p for p in points if p.met]
     assert len(met) >= 2 and [p.factor for p in points] == [0.95, 1.0, 1.1]
-    goals = [p.goal for p in met]
-    assert all(b <= a * (1 + 1e-3) for a, b in zip(goals, goals[1:], strict=False)) and goals[-1] < goals[0]
+    goals = np.array([p.goal for p in met])
+    assert np.all(goals[1:] <= goals[:-1] * (1 + 1e-3)) and goals[-1] < goals[0]
 
 
 # ------------------------------------------------------------------------------------------------------------ doctor
@@ -293,9 +255,8 @@ def test_more_command_buys_less_error():
 def test_a_sound_problem_is_found_sound():
     found = diagnose(pose(problem()).tuner)
     assert found.healthy and found.diverged == 0 and "can be trusted" in page(found)
-    assert {s.verdict for s in found.slopes} <= {"agree", "kink"} and sum(
-        s.verdict == "agree" for s in found.slopes
-    ) >= 12
+    verdicts = [s.verdict for s in found.slopes]
+    assert set(verdicts) <= {"agree", "kink"} and verdicts.count("agree") >= 12
 
 
 @jax.custom_jvp
@@ -311,10 +272,8 @@ class Misled(Proportional):
     """Its derivative is not its own."""
 
     def law(self, flow, memory, measurement, reference):
-        return dataclasses.replace(self, turn=wrong_slope(self.turn)).base(flow, memory, measurement, reference)
-
-    def base(self, *given):
-        return Proportional.law(self, *given)
+        misled = dataclasses.replace(self, turn=wrong_slope(self.turn))
+        return Proportional.law(misled, flow, memory, measurement, reference)
 
 
 def test_a_wrong_gradient_is_found():

@@ -14,6 +14,7 @@ from agvjax.leaves import get
 from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
+from ...io.panels import panels
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -45,21 +46,16 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:
 def markdown(made: list[Json]) -> str:
     """The comparison as a table."""
     base = next(row for row in made if row["law"] == "proposed")
-    lines = [
-        "| law | mean RMSE | of proposed | worst | of proposed | x | y | psi | before tuning | budget used, mean |"
-        " worst | Jacobians | refused | starts left out |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    header = ["law", "mean RMSE", "of proposed", "worst", "of proposed", "x", "y", "psi", "before tuning"]
+    lines = []
     for row in made:
-        cells = [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)"), f"{row['mean_after']:.4f}"]
-        cells += [f"**{row['mean_after'] / base['mean_after']:.3f}**", f"{row['worst_after']:.4f}"]
-        cells += [f"**{row['worst_after'] / base['worst_after']:.3f}**"]
-        cells += [f"{row[f'rmse_{c}']:.4f}" for c in "xyp"]
-        cells += [f"{row['mean_before']:.4f}", f"{row['use_mean']:.2f} ({row['most_used']})", f"{row['use_worst']:.2f}"]
-        lines.append(
-            "| " + " | ".join([*cells, *(str(row[k]) for k in ("jacobians", "refused", "starts_left_out"))]) + " |"
-        )
-    return "\n".join(lines)
+        cells = [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)")]
+        for error in ("mean_after", "worst_after"):
+            cells += [f"{row[error]:.4f}", f"**{row[error] / base[error]:.3f}**"]
+        cells += [f"{row[name]:.4f}" for name in ("rmse_x", "rmse_y", "rmse_p", "mean_before")]
+        cells += [f"{row['use_mean']:.2f} ({row['most_used']})", f"{row['use_worst']:.2f}"]
+        lines.append([*cells, row["jacobians"], row["refused"], row["starts_left_out"]])
+    return grid([*header, "budget used, mean", "worst", "Jacobians", "refused", "starts left out"], lines)
 
 
 def statements(made: list[Json]) -> list[str]:
@@ -68,25 +64,18 @@ def statements(made: list[Json]) -> list[str]:
     better = [LABELS[r["law"]] for r in made if r["mean_after"] < 0.99 * base["mean_after"]]
     worse = [LABELS[r["law"]] for r in made if r["mean_after"] > 1.01 * base["mean_after"]]
     alike = [LABELS[r["law"]] for r in made if LABELS[r["law"]] not in (*better, *worse, "Proposed")]
-    said = []
-    for names, words in (
-        (better, "these track better"),
-        (worse, "these track worse"),
-        (alike, "these track alike, within 1 %,"),
-    ):
-        if names:
-            said.append(
-                f"Beside the proposed law at the same command budget, {words} in mean RMSE: {', '.join(names)}."
-            )
+    sentences = [
+        f"Beside the proposed law at the same command budget, these track {words} in mean RMSE: {', '.join(names)}."
+        for names, words in ((better, "better"), (worse, "worse"), (alike, "alike, within 1 %,"))
+        if names
+    ]
     diverged = [f"{LABELS[r['law']]} {r['diverged_after']}" for r in made if r["diverged_after"]]
-    said.append(f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}.")
-    return said
+    return [*sentences, f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}."]
 
 
 def figure(found: Mapping[str, Tuned], made: list[Json]) -> Figure:
     """Every law's error on the unseen scenarios, before and after tuning: middle, quartiles and extremes."""
-    drawn = Figure(figsize=(8.5, 4.2), layout="constrained")
-    axes = drawn.add_subplot()
+    drawn, ((axes,),) = panels(1, 1, (8.5, 4.2), "both")
     for side, (label, color, hatch) in enumerate((("own gains", "0.8", ""), ("tuned", "#6c8ebf", "//"))):
         values = []
         for row in made:
@@ -100,7 +89,7 @@ def figure(found: Mapping[str, Tuned], made: list[Json]) -> Figure:
             line.set_color("k")
     axes.set_xticks(np.arange(len(made)), [LABELS[row["law"]] for row in made], rotation=20, ha="right", fontsize=8)
     axes.set(yscale="log", ylabel="RMSE of a scenario [m, m, rad]")
-    axes.grid(alpha=0.3, axis="y", which="both")
+    axes.grid(visible=False, axis="x", which="both")
     axes.legend(fontsize=8)
     return drawn
 

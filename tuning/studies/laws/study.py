@@ -77,11 +77,8 @@ class Comparison:
     @functools.cached_property
     def budget(self) -> np.ndarray:
         """(3, M): statistics of the goals and of each command metric, of the configured law on the tuning set."""
-        law = agvjax.check(self.config.controller)
-        values, ok = self.objective.values(
-            agvjax.evaluate(law, self.seen, criteria=self.objective.criteria, **self.config.timing("tune"))
-        )
-        return self.objective.baseline(values, ok)
+        metrics = self._evaluated(self.config.controller, self.seen, "tune")
+        return self.objective.baseline(*self.objective.values(metrics))
 
     def of(self, metric: str) -> list[float]:
         """Mean and worst that the budget allows of a command metric."""
@@ -89,10 +86,11 @@ class Comparison:
 
     def judge(self, law: agvjax.Law) -> agvjax.Metrics:
         """Metrics on the validation scenarios."""
-        found = agvjax.evaluate(
-            agvjax.check(law), self.unseen, criteria=self.objective.criteria, **self.config.timing()
-        )
-        return jax.tree.map(np.asarray, found)
+        return jax.tree.map(np.asarray, self._evaluated(law, self.unseen, "simulate"))
+
+    def _evaluated(self, law: agvjax.Law, batch: agvjax.Batch, section: str) -> agvjax.Metrics:
+        timing = self.config.timing(section)
+        return agvjax.evaluate(agvjax.check(law), batch, criteria=self.objective.criteria, **timing)
 
     def tune(self, name: str, law: agvjax.Law) -> Tuned:
         """The best of all starts: the budget kept first, then the cost."""
@@ -130,13 +128,12 @@ def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, di
     with ThreadPoolExecutor(WORKERS) as pool:
         found = dict(pool.map(one, laws(config.controller).items()))
     proposed = found["proposed"]
-    held = agvjax.EventTriggered(inner=proposed.controller)  # tuned through its continuous law, judged held
-    before = comparison.judge(agvjax.EventTriggered(inner=config.controller))
-    found["event"] = proposed._replace(
-        start=agvjax.EventTriggered(inner=config.controller),
+    start, held = (agvjax.EventTriggered(inner=law) for law in (config.controller, proposed.controller))
+    found["event"] = proposed._replace(  # tuned through its continuous law, judged held
+        start=start,
         controller=held,
         metrics=comparison.judge(held),
-        metrics_before=before,
+        metrics_before=comparison.judge(start),
         looks=0,
         refused=0,
         left_out=0,

@@ -113,10 +113,8 @@ def zeno(case: cases.Case, timing: Mapping[str, Any]) -> Json:
         rows.append({"dt": finer["dt"], "shortest": updates(runs[-1])["shortest"]})
     rates = steepest(runs[-1], law, case.scenario)
     m = np.broadcast_to(np.asarray(law.m, float), (3,))
-    last, before = rows[-1], rows[-2]
-    limited = [
-        bool(s <= 1.5 * last["dt"] or s < 0.75 * b) for s, b in zip(last["shortest"], before["shortest"], strict=True)
-    ]
+    before, last = (np.array(row["shortest"]) for row in rows[-2:])
+    limited = ((last <= 1.5 * rows[-1]["dt"]) | (last < 0.75 * before)).tolist()
     return {"steps": rows, "rate": rates.tolist(), "bound": (m / rates).tolist(), "grid_limited": limited}
 
 
@@ -156,6 +154,5 @@ def _runner(controller: agvjax.Law, scenario: agvjax.Scenario, timing: Mapping[s
 def _example() -> tuple[Any, Any]:
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     measurement = agvjax.Measurement(position=pair, velocity=pair, heading=zero, yaw_rate=zero)
-    return measurement, agvjax.Reference(
-        position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero
-    )
+    still = {"position": pair, "velocity": pair, "acceleration": pair}
+    return measurement, agvjax.Reference(**still, heading=zero, heading_rate=zero)

@@ -35,54 +35,40 @@ def horizons(found: Reproduction) -> str:
         cells = ["none" if np.isnan(v) else f"{v:.2f}" for v in values]
         lines.append([LABELS[name], *cells, *(tables.number(float(s), "settling_time") for s in settled)])
     table = grid(["controller", *(f"{c} [s]" for c in CHANNELS), *(f"settles {c}" for c in CHANNELS)], lines)
-    said = (
-        f"They range from {min(spread):.2f} s to {max(spread):.2f} s: no one horizon gives the printed column."
-        if spread
-        else ""
-    )
-    return f"{table}\n\n{said}"
+    if not spread:
+        return f"{table}\n\n"
+    span = f"{min(spread):.2f} s to {max(spread):.2f} s"
+    return f"{table}\n\nThey range from {span}: no one horizon gives the printed column."
 
 
 def network(found: Reproduction) -> str:
     """Fact (a)."""
     header = ["b1 = b2", "slopes", "largest network gain, position [1/s]", "heading [1/s]", "RMSE x", "y", "psi"]
-    lines = [
-        [
-            "no network" if row["b1"] is None else f"{row['b1']:g}",
-            "known" if row["known_slopes"] else "belief",
-            row["gain_position"],
-            row["gain_heading"],
-            *(f"{row[f'rmse_{c}']:.5f}" for c in CHANNELS),
-        ]
-        for row in found.network
-    ]
+    lines = []
+    for row in found.network:
+        b1 = "no network" if row["b1"] is None else f"{row['b1']:g}"
+        slopes = "known" if row["known_slopes"] else "belief"
+        errors = [f"{row[f'rmse_{c}']:.5f}" for c in CHANNELS]
+        lines.append([b1, slopes, row["gain_position"], row["gain_heading"], *errors])
     return grid(header, lines)
 
 
 def bandwidth(found: Reproduction) -> str:
     """Fact (b): which law beats the proposed one at matched gains, in how many of the three channels."""
-    header = [
-        "p [1/s]",
-        "law",
-        "RMSE better in",
-        "RMSE after 4 s better in",
-        "settles earlier in",
-        "peak command",
-        "proposed",
-    ]
+    header = ["p [1/s]", "law", "RMSE better in", "RMSE after 4 s better in", "settles earlier in"]
     lines = []
     for row in found.bandwidth:
-        cells = [", ".join(row[f"better_{m}"]) or "none" for m in ("rmse", "rmse_late", "settling_time")]
-        lines.append([f"{row['p']:g}", LABELS[row["law"]], *cells, row["peak_law"], row["peak_proposed"]])
-    return grid(header, lines)
+        better = [", ".join(row[f"better_{m}"]) or "none" for m in ("rmse", "rmse_late", "settling_time")]
+        lines.append([f"{row['p']:g}", LABELS[row["law"]], *better, row["peak_law"], row["peak_proposed"]])
+    return grid([*header, "peak command", "proposed"], lines)
 
 
 def readings(found: Reproduction) -> str:
     """Every reading with its RMSE and settling times."""
     header = ["reading", "RMSE x", "y", "psi", "after 4 s x", "y", "psi", "settles x [s]", "y", "psi"]
     lines = []
-    for name, (_, bands) in found.readings.items():
-        m = bands["0.05"]
+    for name, run in found.readings.items():
+        m = run.judged
         settled = [tables.number(float(s), "settling_time") for s in m.settling_time]
         lines.append([name, *(f"{v:.4f}" for v in (*m.rmse, *m.rmse_late)), *settled])
     return grid(header, lines)
@@ -103,10 +89,8 @@ def bounds(found: Reproduction) -> str:
         for i, channel in enumerate(("position", "heading")):
             row = sampled[which]
             values = [row[k][i] for k in ("median", "smallest", "largest")]
-            of = sampled["scenarios"]
-            lines.append(
-                [f"{which}, {channel}", *values, f"{row['vacuous'][i]} of {of}", f"{row['violated'][i]} of {of}"]
-            )
+            counts = [f"{row[k][i]} of {sampled['scenarios']}" for k in ("vacuous", "violated")]
+            lines.append([f"{which}, {channel}", *values, *counts])
     return text + grid(header, lines)
 
 
@@ -114,11 +98,8 @@ def constants(found: Reproduction) -> str:
     """a1..a6 and what they are made of; the margins."""
     values, margins = found.lyapunov.constants, found.lyapunov.margins
     first = grid(["constant", "value"], [[k, float(v)] for k, v in vars(values).items()])
-    return (
-        first
-        + "\n\n"
-        + grid(["stability condition, must be > 0", "margin"], [[k, float(v)] for k, v in margins.items()])
-    )
+    second = grid(["stability condition, must be > 0", "margin"], [list(row) for row in margins.items()])
+    return f"{first}\n\n{second}"
 
 
 def event(found: Reproduction) -> str:
@@ -128,16 +109,8 @@ def event(found: Reproduction) -> str:
     for i, channel in enumerate(("u_x", "u_y", "omega")):
         shortest = [f"{row['shortest'][i]:.3g}" for row in z["steps"]]
         verdict = "grid-limited" if z["grid_limited"][i] else "its own"
-        lines.append(
-            [
-                channel,
-                u["updates"][i],
-                f"{1 - u['updates'][i] / u['of']:.1%}",
-                *shortest,
-                f"{z['bound'][i]:.2g}",
-                verdict,
-            ]
-        )
+        saved = f"{1 - u['updates'][i] / u['of']:.1%}"
+        lines.append([channel, u["updates"][i], saved, *shortest, f"{z['bound'][i]:.2g}", verdict])
     header = ["command", "updates", f"saved of {u['of']}"]
     header += [f"shortest interval [s] at step {row['dt']:.3g} s" for row in z["steps"]]
     return grid([*header, "bound m / sup of the rate [s]", "shortest is"], lines)
@@ -151,18 +124,12 @@ def relative(found: Reproduction, name: str) -> str:
 
 def cost(found: Reproduction) -> str:
     """Table 1's argument, measured."""
-    header = [
-        "adapted weights of each network",
-        "numbers adapted",
-        "states of the law",
-        "run time of a step / one parameter's",
-        "spread",
-    ]
+    header = ["adapted weights of each network", "numbers adapted", "states of the law"]
     lines = [
         [name, row["adapted"], row["states"], f"{row['time']:.2f}", "{:.2f} to {:.2f}".format(*row["time_spread"])]
         for name, row in found.cost.items()
     ]
-    return grid(header, lines)
+    return grid([*header, "run time of a step / one parameter's", "spread"], lines)
 
 
 def paper_section(found: Reproduction, first: int, last: int) -> str:

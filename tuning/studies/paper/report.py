@@ -56,10 +56,7 @@ def data(found: Reproduction) -> Json:
         "facts": {
             "a_network": found.network,
             "b_bandwidth": found.bandwidth,
-            "c_compensator": {
-                "largest_sensitivity": found.lyapunov.sensitivity,
-                "largest_xi2": found.lyapunov.xi2,
-            },
+            "c_compensator": {"largest_sensitivity": found.lyapunov.sensitivity, "largest_xi2": found.lyapunov.xi2},
             "d_bounds": sampled_bounds(found),
         },
         "lyapunov": {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import jax
 import numpy as np
@@ -33,17 +32,14 @@ class Reproduction:
         self.config, self.law, self.timing = config, cases.papers_law(config), config.timing()
         self.groups = cases.groups(self.law, config.scenario)
         self.judged: dict[str, Run] = {}
-        jobs: list[tuple[str, Callable[[], Any]]] = [
-            (name, functools.partial(self._roll, name)) for name in sorted(self.groups, key=_longest_first)
-        ]
-        jobs += [("bounds on sampled scenarios", self._bounds)]
+        names = sorted(self.groups, key=_longest_first)
         with ThreadPoolExecutor(cases.WORKERS) as pool:
-            for name, found in zip([n for n, _ in jobs], pool.map(lambda job: job[1](), jobs), strict=True):
-                if name in self.groups:
-                    self.judged |= found
-                else:
-                    self.bounds = found
+            rolled, sampled = pool.map(self._roll, names), pool.submit(self._bounds)
+            for name, runs in zip(names, rolled, strict=True):
+                self.judged |= runs
                 progress(name)
+            self.bounds = sampled.result()
+            progress("bounds on sampled scenarios")
         if not self.bounds or not self.judged["proposed"].trajectory.ok:
             raise RuntimeError("the proposed law diverges with these settings: there is nothing to compare with")
         self.trajectories = {name: run.trajectory for name, run in self.judged.items()}
@@ -84,13 +80,11 @@ class Reproduction:
     def _functions(self) -> Proof:
         law, scenario = agvjax.check(self.law), self.config.scenario
         trajectory = jax.tree.map(jax.numpy.asarray, self.trajectories["proposed"])
-        found = lyapunov.constants(law, scenario, trajectory)
+        constants = lyapunov.constants(law, scenario, trajectory)
         sensitivity, xi2 = lyapunov.compensation(law, scenario, trajectory)
-        functions, report = (
-            lyapunov.functions(law, scenario, trajectory, found),
-            bounds.report(law, scenario, trajectory),
-        )
-        return Proof(found, functions, report, lyapunov.margins(law, scenario), float(sensitivity), float(xi2))
+        functions = lyapunov.functions(law, scenario, trajectory, constants)
+        report, margins = bounds.report(law, scenario, trajectory), lyapunov.margins(law, scenario)
+        return Proof(constants, functions, report, margins, float(sensitivity), float(xi2))
 
 
 def _longest_first(name: str) -> tuple[int, str]:

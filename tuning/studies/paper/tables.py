@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +11,12 @@ import numpy as np
 import agvjax
 
 from ...io.files import Json
-from .cases import LABELS, Judged
+from ...io.pages import grid
+from .cases import LABELS, Judged, Run
 from .published import CHANNELS, TABLE1, TABLE2, Printed
 
+COMPARED = ("settling_time", "rmse")  # what the paper prints
+COMMANDS = ("rms_command", "peak_command", "chatter")
 SAME = 0.05  # a figure counts as reproduced within this share of the printed one, which has two digits
 APART = 0.01  # two figures stand in an order if they differ by more than this share
 
@@ -37,31 +41,28 @@ Table = dict[str, dict[str, dict[str, Cell]]]  # controller -> channel -> metric
 
 def table(runs: Judged, printed: Mapping[str, Printed], names: tuple[str, ...] = ()) -> Table:
     """A table of the paper, or of `names` that it does not have, from rolled-out cases."""
-    made: Table = {}
-    for name in names or printed:
-        trajectory, metrics = runs[name]
-        made[name] = {channel: _ours(trajectory, metrics, i) for i, channel in enumerate(CHANNELS)}
-        if name in printed:
-            for i, channel in enumerate(CHANNELS):
-                for metric in ("settling_time", "rmse"):
-                    made[name][channel][metric] = _judged(runs, printed, name, i, metric)
-    return made
-
-
-def _ours(trajectory: agvjax.Trajectory, metrics: Mapping[str, Any], i: int) -> dict[str, Cell]:
-    first = metrics["0.05"]
-    values = {
-        "settling_time": first.settling_time[i],
-        "rmse": first.rmse[i],
-        "rmse_after_4s": first.rmse_late[i],
-        "rms_command": first.rms_command[i],
-        "peak_command": first.peak_command[i],
-        "chatter": first.chatter[i],
-        "settling_time_5_percent": metrics["5 % of the first error"].settling_time[i],
-        "settling_time_2_percent": metrics["2 % of the first error"].settling_time[i],
-        "last_outside_0.05": last_outside(trajectory)[i],
+    return {
+        name: {
+            channel: _ours(runs[name], i) | (_judged(runs, printed, name, i) if name in printed else {})
+            for i, channel in enumerate(CHANNELS)
+        }
+        for name in names or printed
     }
-    return {name: Cell(float(value)) for name, value in values.items()}
+
+
+def _ours(run: Run, i: int) -> dict[str, Cell]:
+    values = {
+        "settling_time": run.judged.settling_time,
+        "rmse": run.judged.rmse,
+        "rmse_after_4s": run.judged.rmse_late,
+        "rms_command": run.judged.rms_command,
+        "peak_command": run.judged.peak_command,
+        "chatter": run.judged.chatter,
+        "settling_time_5_percent": run.metrics["5 % of the first error"].settling_time,
+        "settling_time_2_percent": run.metrics["2 % of the first error"].settling_time,
+        "last_outside_0.05": last_outside(run.trajectory),
+    }
+    return {name: Cell(float(value[i])) for name, value in values.items()}
 
 
 def last_outside(trajectory: agvjax.Trajectory, band: float = 0.05) -> np.ndarray:
@@ -70,34 +71,39 @@ def last_outside(trajectory: agvjax.Trajectory, band: float = 0.05) -> np.ndarra
     return np.max(np.where(outside, np.asarray(trajectory.t)[:, None], 0.0), axis=0)
 
 
-def _value(runs: Judged, name: str, i: int, metric: str) -> float:
-    return float(getattr(runs[name].judged, metric)[i])
-
-
-def _judged(runs: Judged, printed: Mapping[str, Printed], name: str, i: int, metric: str) -> Cell:
-    ours, paper = _value(runs, name, i, metric), float(getattr(printed[name], metric)[i])
-    wrong = []
-    for other in printed:
-        theirs = _order(paper, float(getattr(printed[other], metric)[i]))
-        if other != name and _order(ours, _value(runs, other, i, metric)) != theirs:
-            wrong.append(f"{LABELS[other]} ({_IN_PRINT[theirs]})")
-    same = np.isinf(ours) if np.isinf(paper) else abs(ours - paper) <= SAME * paper
-    if same:
-        verdict, why = "reproduced", "unsettled in both" if np.isinf(ours) else f"{ours / paper - 1:+.1%}"
-    else:
-        verdict = "not" if wrong else "ordering"
-        why = (
-            "settled here" if np.isinf(paper) else "unsettled here" if np.isinf(ours) else f"{ours / paper:.2f} x print"
-        )
+def _judged(runs: Judged, printed: Mapping[str, Printed], name: str, i: int) -> dict[str, Cell]:
+    """What the paper prints of a controller in a channel: ours, the print, verdict and reason."""
+    cells = {}
+    for metric in COMPARED:
+        ours, paper = (float(getattr(figures, metric)[i]) for figures in (runs[name].judged, printed[name]))
+        orders = {other: _orders(runs, printed, (name, other), i, metric) for other in printed if other != name}
+        wrong = [f"{LABELS[other]} ({_IN_PRINT[theirs]})" for other, (here, theirs) in orders.items() if here != theirs]
+        if np.isinf(ours) if np.isinf(paper) else abs(ours - paper) <= SAME * paper:
+            why = "unsettled in both" if np.isinf(ours) else f"{ours / paper - 1:+.1%}"
+            cells[metric] = Cell(ours, paper, "reproduced", why)
+            continue
+        unsettled = "settled here" if np.isinf(paper) else "unsettled here"
+        why = unsettled if np.isinf(paper) or np.isinf(ours) else f"{ours / paper:.2f} x print"
         why += f"; differs against {', '.join(wrong)}" if wrong else "; stands as printed against every other"
         if metric == "rmse":
-            why += f"; {horizon_of(runs[name][0], i, paper)}"
-        elif np.isfinite(paper) and verdict == "not":
-            why += f"; last outside 0.05 at {last_outside(runs[name][0])[i]:.2f} s"
-    return Cell(ours, paper, verdict, why)
+            first = horizon(runs[name].trajectory, i, paper)
+            longest = f"the print's over the first {first:.2f} s"
+            why += f"; ours is {'smaller over every horizon' if np.isnan(first) else longest}"
+        elif np.isfinite(paper) and wrong:
+            why += f"; last outside 0.05 at {last_outside(runs[name].trajectory)[i]:.2f} s"
+        cells[metric] = Cell(ours, paper, "not" if wrong else "ordering", why)
+    return cells
 
 
 _IN_PRINT = {-1: "the print has it larger", 0: "the print has them alike", 1: "the print has it smaller"}
+
+
+def _orders(
+    runs: Judged, printed: Mapping[str, Printed], names: tuple[str, str], i: int, metric: str
+) -> tuple[int, int]:
+    """How two controllers stand in a channel, here and in print: 1 where the first figure is larger, 0 alike."""
+    here = _order(*(float(getattr(runs[name].judged, metric)[i]) for name in names))
+    return here, _order(*(float(getattr(printed[name], metric)[i]) for name in names))
 
 
 def _order(a: float, b: float) -> int:
@@ -114,14 +120,6 @@ def horizon(trajectory: agvjax.Trajectory, i: int, rmse: float) -> float:
     return float(t[1:][enough][-1]) if enough.any() else float("nan")
 
 
-def horizon_of(trajectory: agvjax.Trajectory, i: int, rmse: float) -> str:
-    """The same in words."""
-    found = horizon(trajectory, i, rmse)
-    return (
-        "ours is smaller over every horizon" if np.isnan(found) else f"ours is the print's over the first {found:.2f} s"
-    )
-
-
 def number(value: float | None, metric: str = "") -> str:
     """A figure for a reader."""
     if value is None:
@@ -134,81 +132,63 @@ def number(value: float | None, metric: str = "") -> str:
 MARKS = {"reproduced": "**reproduced**", "ordering": "ordering", "not": "not"}
 
 
+def _cells(made: Table) -> Iterator[tuple[str, str, str, Cell]]:
+    """Every cell with its controller, channel and metric."""
+    for name, channels in made.items():
+        for channel, cells in channels.items():
+            for metric, cell in cells.items():
+                yield name, channel, metric, cell
+
+
 def markdown(made: Table) -> str:
     """Printed metrics beside ours with the verdict, then what the paper does not print."""
-    lines = [
-        "| controller | channel | settling [s] | paper | verdict | RMSE | paper | verdict | RMSE after 4 s |"
-        " RMS command | peak | chatter |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    header = ["controller", "channel", "settling [s]", "paper", "verdict", "RMSE", "paper", "verdict"]
+    lines = []
     for name, channels in made.items():
         for channel, cells in channels.items():
             row = [LABELS.get(name, name), channel]
-            for metric in ("settling_time", "rmse"):
+            for metric in COMPARED:
                 cell = cells[metric]
                 row += [number(cell.ours, metric), number(cell.paper, metric), MARKS.get(cell.verdict or "", "")]
-            row += [number(cells[m].ours, m) for m in ("rmse_after_4s", "rms_command", "peak_command", "chatter")]
-            lines.append("| " + " | ".join(row) + " |")
-    return "\n".join(lines)
+            lines.append(row + [number(cells[m].ours, m) for m in ("rmse_after_4s", *COMMANDS)])
+    return grid([*header, "RMSE after 4 s", "RMS command", "peak", "chatter"], lines)
 
 
 def reasons(made: Table) -> str:
     """Why, for every printed cell that is not reproduced."""
-    lines = ["| controller | channel | metric | verdict | why |", "|---|---|---|---|---|"]
-    for name, channels in made.items():
-        for channel, cells in channels.items():
-            for metric, cell in cells.items():
-                if cell.verdict in ("ordering", "not"):
-                    lines.append(f"| {LABELS.get(name, name)} | {channel} | {metric} | {cell.verdict} | {cell.why} |")
-    return "\n".join(lines)
+    lines = [
+        [LABELS.get(name, name), channel, metric, cell.verdict, cell.why]
+        for name, channel, metric, cell in _cells(made)
+        if cell.verdict in ("ordering", "not")
+    ]
+    return grid(["controller", "channel", "metric", "verdict", "why"], lines)
 
 
 def counts(made: Table) -> dict[str, dict[str, int]]:
     """How many cells have which verdict, by metric."""
-    found = {m: dict.fromkeys(MARKS, 0) for m in ("settling_time", "rmse")}
-    for channels in made.values():
-        for cells in channels.values():
-            for metric in found:
-                found[metric][cells[metric].verdict or "not"] += 1
-    return found
+    verdicts = [(metric, cell.verdict or "not") for _, _, metric, cell in _cells(made)]
+    return {metric: {mark: verdicts.count((metric, mark)) for mark in MARKS} for metric in COMPARED}
 
 
 def pairs(runs: Judged, printed: Mapping[str, Printed]) -> dict[str, tuple[int, int]]:
     """By metric: of the comparisons of two controllers in a channel that the print decides, how many go as printed."""
-    found = {}
-    names = list(printed)
-    for metric in ("settling_time", "rmse"):
-        kept = of = 0
-        for i in range(3):
-            for k, name in enumerate(names):
-                for other in names[:k]:
-                    theirs = _order(*(float(getattr(printed[n], metric)[i]) for n in (name, other)))
-                    of += theirs != 0
-                    ours = _order(*(_value(runs, n, i, metric) for n in (name, other)))
-                    kept += theirs != 0 and ours == theirs
-        found[metric] = (kept, of)
-    return found
+    agreed = {}
+    for metric in COMPARED:
+        every = [_orders(runs, printed, p, i, metric) for p in itertools.combinations(printed, 2) for i in range(3)]
+        decided = [here == theirs for here, theirs in every if theirs != 0]
+        agreed[metric] = (sum(decided), len(decided))
+    return agreed
 
 
 def plain(made: Table) -> Json:
     """For `tables.json`: controller -> channel -> metric -> ours, paper, verdict, why."""
 
-    def said(value: float | None, metric: str) -> Any:
-        return number(value, metric) if value is not None and np.isinf(value) else value
+    def values(metric: str, cell: Cell) -> Json:
+        infinite = {key: x for key, x in (("ours", cell.ours), ("paper", cell.paper)) if x is not None and np.isinf(x)}
+        return cell._asdict() | {key: number(x, metric) for key, x in infinite.items()}
 
     return {
-        name: {
-            channel: {
-                metric: {
-                    "ours": said(c.ours, metric),
-                    "paper": said(c.paper, metric),
-                    "verdict": c.verdict,
-                    "why": c.why,
-                }
-                for metric, c in cells.items()
-            }
-            for channel, cells in channels.items()
-        }
+        name: {c: {metric: values(metric, cell) for metric, cell in cells.items()} for c, cells in channels.items()}
         for name, channels in made.items()
     }
 
@@ -217,9 +197,7 @@ def rows(made: Table) -> list[list[Any]]:
     """For CSV: controller, channel, metric, ours, paper, verdict, why."""
     return [
         [name, channel, metric, number(c.ours, metric), number(c.paper, metric), c.verdict or "", c.why or ""]
-        for name, channels in made.items()
-        for channel, cells in channels.items()
-        for metric, c in cells.items()
+        for name, channel, metric, c in _cells(made)
     ]
 
 

@@ -15,6 +15,7 @@ from ... import config as configuration
 from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
+from ...io.panels import panels
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
 
 MEASURED = ("largest after 4 s [mm]", "RMSE [m]", "settles [s]")
@@ -25,7 +26,7 @@ def write(study: Study, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
     for name, (_, after) in study.tuned.items():
         files.write(out / f"gains-{name}.toml", configuration.gains_table(after))
-    files.write_figure(out / "paper.png", _errors({k: v for k, v in study.runs["paper"].items()}))
+    files.write_figure(out / "paper.png", _errors(study.runs["paper"]))
     files.write_figure(out / "limits.png", _errors(study.runs["unicycle"]))
     files.write_figure(out / "car.png", _paths(study.runs["car"]))
     if study.robot:
@@ -137,14 +138,12 @@ def _robot(study: Study) -> str:
 
 
 def _errors(drawn: Mapping[str, Any]) -> Figure:
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
-    axes = figure.add_subplot()
+    figure, ((axes,),) = panels(1, 1, (8, 3.6))
     for (name, run), color in zip(drawn.items(), COLOURS, strict=False):
         style = {"ls": "--"} if "3 m" in name else {}
         axes.semilogy(np.asarray(run.t), np.maximum(distance(run), 1e-5), label=name, color=color, lw=1.2, **style)
     axes.axhline(BAND, color="0.6", lw=0.8, ls=":")
     axes.set(xlabel="time [s]", ylabel="distance to the reference [m]", ylim=(1e-4, 30))
-    axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=2)
     return figure
 

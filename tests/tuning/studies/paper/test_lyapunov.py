@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import types
 
 import jax
@@ -17,13 +18,14 @@ from scipy.signal import lsim
 
 import agvjax
 import reference
-from agvjax import NeuroBackstepping, Scenario, Trajectory
+from agvjax import NeuroBackstepping, Scenario
 from agvjax._pytree import number, pytree
 from agvjax.controllers.backstepping import BacksteppingState
 from agvjax.controllers.neuro_backstepping import WeightNorms
 from agvjax.leaves import get, swap
 from agvjax.readings import KinematicYawRate, KnownSlopes
 from reference import Parameters
+from runs import trajectory
 from tuning.ensemble import draws as ensemble
 from tuning.studies.paper import bounds
 from tuning.studies.paper import proof as lyapunov
@@ -79,11 +81,9 @@ def runs(roll):
 def reported(controller, batch, trajectories):
     """Reports of all runs of a batch."""
     trajectories = jax.tree.map(np.asarray, trajectories)
-    found = []
-    for i in range(batch.size):
-        scenario = swap(batch.scenario, {name: values[i] for name, values in batch.values.items()})
-        found.append(bounds.report(controller, scenario, jax.tree.map(lambda x, i=i: x[i], trajectories)))
-    return found
+    rows = [jax.tree.map(lambda x, i=i: x[i], trajectories) for i in range(batch.size)]
+    scenarios = [swap(batch.scenario, {name: x[i] for name, x in batch.values.items()}) for i in range(batch.size)]
+    return [bounds.report(controller, *each) for each in zip(scenarios, rows, strict=True)]
 
 
 @pytest.fixture(scope="session")
@@ -102,32 +102,13 @@ def run(lap):
     """The reference's lap as a trajectory: what the package is given is not its own."""
     (t, s), p = lap, Parameters()
     u = reference.commands(t, s, p)
-    delivered = [reference.deadzone(u[:, :2], 0.6, 0.8, 0.5, 0.4), reference.deadzone(u[:, 2:], 0.91, 0.72, 0.66, 0.53)]
-    law = BacksteppingState(
-        phi1=s[:, reference.PHI1],
-        phi2=s[:, reference.PHI2],
-        xi1=s[:, reference.XI1],
-        xi2=s[:, reference.XI2],
-        beta1=s[:, reference.BETA1],
-        beta2=s[:, reference.BETA2],
-        network=WeightNorms(varphi=s[:, reference.VARPHI], varphi_psi=s[:, reference.VARPHI_PSI]),
-    )
-    found = Trajectory(
-        t=t,
-        position=s[:, reference.POSITION],
-        velocity=s[:, reference.VELOCITY],
-        heading=s[:, reference.HEADING],
-        reference_position=reference.path(t)[0],
-        reference_heading=reference.heading(t)[0],
-        command=u,
-        inputs=u,
-        delivered=np.concatenate(delivered, axis=1),
-        limited=np.zeros(len(t), bool),
-        controller=law,
-        weight_norm=None,
-        ok=np.True_,
-    )
-    return jax.tree.map(jnp.asarray, found)
+    network = WeightNorms(varphi=s[:, reference.VARPHI], varphi_psi=s[:, reference.VARPHI_PSI])
+    states = {name: s[:, getattr(reference, name.upper())] for name in ("phi1", "phi2", "xi1", "xi2", "beta1", "beta2")}
+    vehicle = {name: s[:, getattr(reference, name.upper())] for name in ("position", "velocity", "heading")}
+    asked = {"reference_position": reference.path(t)[0], "reference_heading": reference.heading(t)[0]}
+    signals = {"command": u, "inputs": u, "delivered": reference.delivered(u, p)}
+    law = BacksteppingState(**states, network=network)
+    return jax.tree.map(jnp.asarray, trajectory(t, **vehicle, **asked, **signals, controller=law))
 
 
 @pytest.fixture(scope="session")
@@ -193,8 +174,8 @@ def test_signals_and_constants_are_those_written_by_hand(run, by_hand):
         late = h.t >= since
         phi, eps = fitted(h.S[late], h.f2[late], lyapunov.RIDGE)
         phi_psi, eps_psi = fitted(h.S_psi[late], h.F_psi[late], lyapunov.RIDGE)
-        norm = lambda x: np.linalg.norm(x[late], axis=1).max()  # noqa: B023, E731
-        N1, eta, beta1, beta2 = norm(h.xi1), norm(h.filter_error), norm(h.beta1), np.abs(h.beta2[late]).max()
+        N1, eta, beta1 = (np.linalg.norm(x[late], axis=1).max() for x in (h.xi1, h.filter_error, h.beta1))
+        beta2 = np.abs(h.beta2[late]).max()
         a2, a6 = N1**2 / 2 + 0.5 + eps**2 / 2, eps_psi**2 / 2 + 0.5 + eps_psi**2 / 2
         found = [c.a1, c.a2, c.a3, c.a4, c.a5, c.a6, c.N1, c.eta, c.phi, c.eps, c.phi_psi, c.eps_psi]
         expected = [0.001, a2, 38.0, eta**2 / 2, 0.001, a6, N1, eta, phi, eps, phi_psi, eps_psi]
@@ -277,15 +258,15 @@ def test_a_lost_margin_leaves_no_printed_bound(run):
     assert min(lyapunov.margins(weak, Scenario()).values()) < 0
 
 
+INPUT, OUTPUT = np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]])  # into, and out of, the first of two states
+
+
 def response(k, Lam, horizon, n):
     """Samples of the impulse response of s / (s^2 + k s + Lam), exact steps of its companion form."""
     A = np.array([[-k, -Lam], [1.0, 0.0]])
-    t, E = np.linspace(0.0, horizon, n), expm(A * horizon / (n - 1))
-    states = np.empty((n, 2))
-    states[0] = 1.0, 0.0
-    for i in range(n - 1):
-        states[i + 1] = E @ states[i]
-    return t, states[:, 0], A
+    E = expm(A * horizon / (n - 1))
+    states = list(itertools.accumulate(range(n - 1), lambda x, _: E @ x, initial=np.array([1.0, 0.0])))
+    return np.linspace(0.0, horizon, n), np.array(states)[:, 0], A
 
 
 @settings(max_examples=25, deadline=None)
@@ -299,7 +280,7 @@ def test_peak_gain_is_the_integral_of_the_impulse_response(sigma, ratio):
     integral = np.trapezoid(np.abs(h), t)
     found = bounds.peak_gain(k, Lam)
     assert found == pytest.approx(integral, rel=2e-3)
-    (numeric,), (dc,) = bounds.peak_gains(A, np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]]))
+    (numeric,), (dc,) = bounds.peak_gains(A, INPUT, OUTPUT)
     assert found * (1 - 1e-9) <= numeric <= found * (1 + 2e-3)
     assert abs(dc) < 1e-9 * found
 
@@ -307,8 +288,7 @@ def test_peak_gain_is_the_integral_of_the_impulse_response(sigma, ratio):
 def test_peak_gain_without_an_integral_is_that_of_a_lag():
     assert bounds.peak_gain(20.0, 0.0) == pytest.approx(1 / 20.0)
     assert bounds.peak_gain(20.0, 1e-12) == pytest.approx(2 / 20.0)  # the slow way back counts, however slow
-    A, b, C = np.array([[-20.0, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]])
-    (gain,), (dc,) = bounds.peak_gains(A, b, C)
+    (gain,), (dc,) = bounds.peak_gains(np.array([[-20.0, 0.0], [1.0, 0.0]]), INPUT, OUTPUT)
     assert gain == pytest.approx(1 / 20.0) and dc == pytest.approx(1 / 20.0)
 
 
@@ -335,16 +315,13 @@ def test_peak_gains_of_the_whole_position_loop(zeta):
 @pytest.mark.parametrize(("k", "Lam"), [(20.0, 16.0), (4.0, 100.0)])
 def test_an_adversary_reaches_the_peak_gain_and_no_more(k, Lam):
     t, h, A = response(k, Lam, 12.0, 12_001)
-    worst = np.sign(h[::-1])
-    b, C = np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]])
-    _, y, _ = lsim((A, b, C, 0.0), worst, t)
+    _, y, _ = lsim((A, INPUT, OUTPUT, 0.0), np.sign(h[::-1]), t)
     assert 0.99 < np.abs(y).max() / bounds.peak_gain(k, Lam) < 1 + 1e-6
 
 
 def test_corrected_bounds_hold_where_the_printed_are_vacuous(reports):
-    observed, printed, corrected = (
-        np.array([getattr(r, x) for r in reports]) for x in ("observed", "printed", "corrected")
-    )
+    kinds = ("observed", "printed", "corrected")
+    observed, printed, corrected = (np.array([getattr(r, kind) for r in reports]) for kind in kinds)
     judged = np.delete(np.arange(len(reports)), LINEAR)
     tight, loose = bounds.vacuity(corrected, observed), bounds.vacuity(printed, observed)
     assert np.all(tight >= 1 - 1e-3)
@@ -361,11 +338,9 @@ def test_corrected_bounds_hold_where_the_printed_are_vacuous(reports):
 def test_the_printed_bound_is_vacuous_in_every_scenario(batch, runs):
     """(50): b1^2/2 alone over a1 = 0.001 makes it 31.6 m, whatever the network fits."""
     for since in (0.0, bounds.LATE):
-        found = jax.vmap(lyapunov.constants, in_axes=(None, batch.axes, 0, None))(
-            NeuroBackstepping(), batch.scenario, runs, since
-        )
-        assert np.all(np.asarray(found.position) >= np.sqrt(1 / 0.001))
-        assert np.all(np.asarray(found.heading) >= np.sqrt(1 / 0.001))
+        of_all = jax.vmap(lyapunov.constants, in_axes=(None, batch.axes, 0, None))
+        constants = of_all(NeuroBackstepping(), batch.scenario, runs, since)
+        assert np.all(np.asarray([constants.position, constants.heading]) >= np.sqrt(1 / 0.001))
 
 
 def test_the_papers_own_scenario(reports):
@@ -451,10 +426,8 @@ def test_a_common_quadratic_function_bounds_the_heading_less_tightly(reports):
 def test_no_bound_where_nothing_can_be_proved(run):
     run = jax.tree.map(lambda x: x[::5] if x.ndim else x, run)
     scenario = Scenario()
-    uneven = dataclasses.replace(scenario.deadzone["heading"], slope_right=2.0, slope_left=0.02)
-    report = bounds.report(
-        NeuroBackstepping(), dataclasses.replace(scenario, deadzone=scenario.deadzone | {"heading": uneven}), run
-    )
+    slopes = {"deadzone.heading.slope_right": 2.0, "deadzone.heading.slope_left": 0.02}
+    report = bounds.report(NeuroBackstepping(), agvjax.replace(scenario, slopes), run)
     assert np.isinf(report.heading["a priori"]) and np.isfinite(report.corrected[1])  # the small gain fails
     assert np.isinf(report.position["a priori"]) and np.isfinite(report.corrected[0])
     slow = bounds.report(NeuroBackstepping(omega_n=5.0), scenario, run)  # unstable: the filter lags too much

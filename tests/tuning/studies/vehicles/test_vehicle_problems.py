@@ -1,18 +1,15 @@
 """Vehicles on the command line and in the tuner: what a configuration means for them, and what it may not say."""
 
 import json
-import subprocess
-import sys
 import tomllib
 
-import jax
 import numpy as np
 import pytest
 from PIL import Image
 
 import agvjax
 import tuning
-from commands import run
+from commands import python, run
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.config.load import BUILT_IN, resolve
@@ -192,8 +189,7 @@ reference = objective.baseline(values, ok)
 slope = jax.jit(jax.grad(lambda v: objective.score(v, ok, reference).cost))(values)
 assert abs(float(slope.sum()) - (1 / 1.5 + .3 / 2)) < 1e-5, slope.sum()
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
+    python(program)
 
 
 @pytest.mark.slow
@@ -215,8 +211,7 @@ def test_sweeps_take_vehicles_too(tmp_path):
     more = ["sweep.radius=false", *SHORT[:1]]
     axis = ["--over", "actuators.acceleration.delay.time=0.0:0.02:3", "--over", "controller.inner.k1=2:4:2"]
     assert cli.main(["sweep", "--config", "unicycle", "--quiet", "--out", str(out), *axis, *options(more)]) == 0
-    results = tuning.load(out)
-    assert jax.tree.leaves(results.metrics if hasattr(results, "metrics") else [1.0])
+    assert tuning.load(out).metrics
 
 
 @pytest.mark.slow

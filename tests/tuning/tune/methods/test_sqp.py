@@ -9,22 +9,19 @@ from tuning import Objective, Requirement, within
 from tuning.tune.methods import sqp
 
 MEAN, WORST = (Requirement("total_rmse", "mean", 1.0),), (Requirement("total_rmse", "worst", 1.0),)
+EFFORT = (Requirement("effort", "mean", 1.0),)  # a limit
+SOUND = np.array([True])  # of the only run
 
 
-@pytest.fixture(autouse=True, scope="module")
-def promotion_as_optax_has_it():
-    """As in test_tuning.py: statistics rank."""
-    import jax
-
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
 
 def descend(model, start, objective, iterations=80):
     """Drive the search on a hand-made model: z -> (values (M, B), slopes (K, M, B)), reference 1."""
-    values, _ = model(np.asarray(start, float))
+    z = np.asarray(start, float)
+    values, _ = model(z)
     reference, ok = np.ones((3, values.shape[0])), np.ones(values.shape[1], bool)
-    state, z = sqp.State.begin(len(start), *values.shape, objective.penalty), np.asarray(start, float)
+    state = sqp.State.begin(len(start), *values.shape, objective.penalty)
     for looks in range(1, iterations + 1):
         values, slopes = model(z)
         levels = np.asarray(objective.levels(jnp.asarray(values), jnp.asarray(ok), reference))
@@ -41,8 +38,7 @@ def test_it_stops_on_the_limit():
         values = np.array([[goal], [z[0] + z[1]]])
         return values, np.array([[[2 * (z[0] - 1)], [1.0]], [[2 * (z[1] - 2)], [1.0]]])
 
-    objective = Objective(MEAN, (Requirement("effort", "mean", 1.0),), penalty=10.0)
-    state, looks = descend(model, (0.0, 0.0), objective)
+    state, looks = descend(model, (0.0, 0.0), Objective(MEAN, EFFORT, penalty=10.0))
     np.testing.assert_allclose(state.center, [0.0, 1.0], atol=1e-2)
     np.testing.assert_allclose(state.goal, 2.0, rtol=1e-4)
     assert state.over < 1e-6 and looks < 20
@@ -66,8 +62,7 @@ def test_it_learns_what_is_curved():
         values = np.array([[1 + (1 - x) ** 2 + 100 * (y - x**2) ** 2], [(x**2 + y**2)]])
         return values, np.array([[[-2 * (1 - x) - 400 * x * (y - x**2)], [2 * x]], [[200 * (y - x**2)], [2 * y]]])
 
-    objective = Objective(MEAN, (Requirement("effort", "mean", 1.0),), penalty=10.0)
-    state, looks = descend(model, (-0.5, 0.6), objective, 120)
+    state, looks = descend(model, (-0.5, 0.6), Objective(MEAN, EFFORT, penalty=10.0), 120)
     disc = {"type": "ineq", "fun": lambda z: 1 - z @ z}
     wanted = minimize(lambda z: model(z)[0][0, 0], (0.5, 0.5), method="SLSQP", constraints=disc, tol=1e-12)
     np.testing.assert_allclose(state.center, wanted.x, atol=5e-3)
@@ -78,15 +73,13 @@ def test_it_learns_what_is_curved():
 def test_its_model_is_the_linear_programme_that_scipy_solves(statistic):
     random = np.random.default_rng(3)
     values, slopes = 1 + random.random((2, 7)), random.normal(size=(3, 2, 7))
-    objective = Objective(
-        (Requirement("total_rmse", statistic, 2.0),), (Requirement("effort", statistic, 1.2),), tail=0.3
-    )
-    found = sqp.solve((values, np.ones(7, bool), slopes), objective, np.ones((3, 2)), radius=0.2)
+    goals, limits = (Requirement("total_rmse", statistic, 2.0),), (Requirement("effort", statistic, 1.2),)
+    objective, ok, ones = Objective(goals, limits, tail=0.3), np.ones(7, bool), np.ones((3, 2))
+    found = sqp.solve((values, ok, slopes), objective, ones, radius=0.2)
 
     def cost(d):
-        level = np.asarray(
-            objective.levels(jnp.asarray(values + np.tensordot(d, slopes, 1)), jnp.ones(7, bool), np.ones((3, 2)))
-        )
+        linear = values + np.tensordot(d, slopes, 1)
+        level = np.asarray(objective.levels(jnp.asarray(linear), jnp.asarray(ok), ones))
         return 2 * level[0] + objective.penalty * max(level[1] - 1, 0)
 
     np.testing.assert_allclose(cost(found.change), found.cost, rtol=1e-6)  # what is promised is what the model gives
@@ -100,8 +93,7 @@ def test_prices_are_the_duals_that_scipy_finds():
     slope, limit = np.array([-1.0, -2.0]), np.array([1.0, 1.0])
     values = np.array([[1.0], [0.95]])
     slopes = np.array([[[slope[0]], [limit[0]]], [[slope[1]], [limit[1]]]])
-    objective = Objective(MEAN, (Requirement("effort", "mean", 1.0),), penalty=50.0)
-    found = sqp.solve((values, np.array([True]), slopes), objective, np.ones((3, 2)), radius=0.1)
+    found = sqp.solve((values, SOUND, slopes), Objective(MEAN, EFFORT, penalty=50.0), np.ones((3, 2)), radius=0.1)
     wanted = linprog(slope, limit[None], [0.05], bounds=[(-0.1, 0.1)] * 2)
     np.testing.assert_allclose(found.change, wanted.x, atol=1e-7)
     np.testing.assert_allclose(found.prices, -wanted.ineqlin.marginals, rtol=1e-6)
@@ -109,15 +101,10 @@ def test_prices_are_the_duals_that_scipy_finds():
 
 def test_curvature_enters_as_scipy_has_it():
     hessian, slope = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([-1.0, 2.0])
-    slopes = slope[:, None, None]
-    found = sqp.solve((np.ones((1, 1)), np.array([True]), slopes), Objective(MEAN, ()), np.ones((3, 1)), 0.3, hessian)
-    wanted = minimize(
-        lambda d: slope @ d + d @ hessian @ d / 2,
-        np.zeros(2),
-        method="trust-constr",
-        constraints=LinearConstraint(np.eye(2), -0.3, 0.3),
-        tol=1e-12,
-    )
+    look = np.ones((1, 1)), SOUND, slope[:, None, None]
+    found = sqp.solve(look, Objective(MEAN, ()), np.ones((3, 1)), 0.3, hessian)
+    box = {"constraints": LinearConstraint(np.eye(2), -0.3, 0.3), "method": "trust-constr", "tol": 1e-12}
+    wanted = minimize(lambda d: slope @ d + d @ hessian @ d / 2, np.zeros(2), **box)
     np.testing.assert_allclose(found.change, wanted.x, atol=1e-5)
 
 
@@ -136,7 +123,7 @@ def test_the_curvature_learned_fits_the_last_step_and_stays_positive():
 def test_a_useless_look_is_stepped_back_from():
     objective, reference = Objective(MEAN, ()), np.ones((3, 1))
     state = sqp.State.begin(1, 1, 1, 3.0)
-    good = (np.array([[1.0]]), np.array([True]), np.array([[[1.0]]]))
+    good = (np.array([[1.0]]), SOUND, np.array([[[1.0]]]))
     z, state = sqp.step(state, np.array([0.0]), np.array([1.0]), good, objective, reference)
     np.testing.assert_allclose(z[0], -sqp.FIRST, rtol=1e-6)  # downhill, to the edge of the trust region
     again, state = sqp.step(state, z, None, None, objective, reference)
@@ -151,7 +138,7 @@ def test_a_penalty_that_is_too_small_is_raised_until_the_limit_is_kept():
     def model(z):
         return np.array([[10 * (z[0] - 3) ** 2], [z[0]]]), np.array([[[20 * (z[0] - 3)], [1.0]]])
 
-    state, _ = descend(model, (0.5,), Objective(MEAN, (Requirement("effort", "mean", 1.0),), penalty=3.0))
+    state, _ = descend(model, (0.5,), Objective(MEAN, EFFORT, penalty=3.0))
     np.testing.assert_allclose(state.center, [1.0], atol=1e-4)
     assert state.over <= 1e-4 and state.penalty > 30
 
@@ -168,9 +155,5 @@ def test_limits_that_cannot_be_kept_end_where_the_excess_is_least():
 
 
 def test_limits_on_mean_and_worst_are_two():
-    assert [r.name for r in within({"effort": 1.0, "total_chatter": 2.0})] == [
-        "mean effort",
-        "mean total_chatter",
-        "worst effort",
-        "worst total_chatter",
-    ]
+    names = ["mean effort", "mean total_chatter", "worst effort", "worst total_chatter"]
+    assert [r.name for r in within({"effort": 1.0, "total_chatter": 2.0})] == names
