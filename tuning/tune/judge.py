@@ -61,14 +61,11 @@ def judge(outcome: Outcome) -> TuneVerdict:
     seen = problem.tuner.batch
     both, unseen = seen_and_unseen(problem)
     parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
-    metrics = {
-        label: judged(config, c, both) for label, c in (("before", config.controller), ("after", outcome.controller))
-    }
+    metrics = [judged(config, law, both) for law in (config.controller, outcome.controller)]
     before, after = (
-        {part: summary(jax.tree.map(lambda x, s=s: x[s], metrics[label])) for part, s in parts.items()}
-        for label in ("before", "after")
+        {part: summary(jax.tree.map(lambda x, s=s: x[s], m)) for part, s in parts.items()} for m in metrics
     )
-    over = unmet(problem, *(jax.tree.map(lambda x: x[: seen.size], metrics[label]) for label in ("before", "after")))
+    over = unmet(problem, *(jax.tree.map(lambda x: x[: seen.size], m) for m in metrics))
     z = outcome.progress.best_z
     conflict = _conflict(problem, z) if over else []
     worst = unseen[after["validation"].worst_index]
@@ -90,8 +87,8 @@ def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]
 def unmet(problem: TuningProblem, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
     objective = problem.tuner.objective
-    given = problem.tuner.budget
-    reference = objective.baseline(*objective.values(before)) if given is None else given
+    budget = problem.tuner.budget
+    reference = objective.baseline(*objective.values(before)) if budget is None else budget
     levels = np.asarray(objective.levels(*objective.values(after), reference))[len(objective.goals) :]
     bounds = objective.units(reference)[len(objective.goals) :]
     return [
