@@ -20,18 +20,10 @@ from tuning.compute import compiled
 from tuning.export import FORMATS
 from tuning.tune.rules import faults
 
+LITTLE_SEARCH = [f"tune.search.{part}" for part in ("scouts=4", "starts=1", "iterations=1", "checks=0")]
 SMALL = {
     "simulate": FAST,
-    "tune": [
-        *FAST,
-        "ensemble.size=4",
-        "ensemble.validation_size=2",
-        "tune.iterations=2",
-        "tune.search.scouts=4",
-        "tune.search.starts=1",
-        "tune.search.iterations=1",
-        "tune.search.checks=0",
-    ],
+    "tune": [*FAST, "ensemble.size=4", "ensemble.validation_size=2", "tune.iterations=2", *LITTLE_SEARCH],
     "sweep": [*FAST, "sweep.samples=2", "sweep.radius=false"],
     "identify": ["identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
     "export": [],
@@ -105,14 +97,12 @@ def test_a_metric_is_a_row_and_what_it_is_of_a_run(here, monkeypatch):
     name = "total_overshoot"
     monkeypatch.setattr(Metrics, name, None, raising=False)  # both are taken back afterwards
     monkeypatch.setitem(METRICS, name, None)
-    config = configuration.load(
-        [], [f"tune.goals.{name}=1.0", f'sweep.metrics=["{name}"]'], faults, imports=[f"{name}.py"]
-    )
+    settings = [f"tune.goals.{name}=1.0", f'sweep.metrics=["{name}"]']
+    config = configuration.load([], settings, faults, imports=[f"{name}.py"])
     assert set(config.tune.goals) == {name} == set(config.sweep.metrics)
     run = agvjax.evaluate(config.controller, config.scenario, dt=0.01, n_steps=100)
-    np.testing.assert_allclose(
-        run[name], run["overshoot_x"] + run["overshoot_y"] + run["overshoot_heading"], rtol=1e-12
-    )
+    parts = [run[f"overshoot_{channel}"] for channel in ("x", "y", "heading")]
+    np.testing.assert_allclose(run[name], sum(parts), rtol=1e-12)
 
 
 def test_an_exporter_is_a_file_and_a_row(here, monkeypatch):

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import agvjax
 from agvjax import Chain, Circle, Deadzone, RateLimit, Saturation, Scenario, SingleTrack, Unicycle
 from commands import arguments
+from laws import OpenLoop
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.tune import page as report
@@ -49,20 +50,14 @@ def test_the_car_dumbbell_needs_what_was_measured_elsewhere():
 
 
 @agvjax.pytree
-class Replay(agvjax.Law):
+class Replay(OpenLoop):
     """Plays what is needed, whatever happens."""
 
     t: object
-    inputs: object
+    needs: dict
 
-    def init(self, measurement, reference):
-        return jnp.zeros_like(measurement.heading)
-
-    def law(self, flow, memory, measurement, reference):
-        a, alpha = (jnp.interp(flow, self.t, self.inputs[:, i]) for i in (0, 1))
-        inputs = {"acceleration": a, "yaw_acceleration": alpha}
-        command = agvjax.Command(position=jnp.zeros_like(measurement.position), heading=a, inputs=inputs)
-        return command, jnp.ones_like(flow)
+    def inputs(self, t):
+        return {name: jnp.interp(t, self.t, values) for name, values in self.needs.items()}
 
 
 def test_who_is_given_what_is_needed_stays_on_the_path():
@@ -71,7 +66,7 @@ def test_who_is_given_what_is_needed_stays_on_the_path():
     needed = agvjax.demands(scenario, 5.0)
     begin = agvjax.paths.heading.reference(scenario.path, None, jnp.array(0.0))
     start = agvjax.Start(position=begin.position, velocity=begin.velocity, heading=needed.heading[0])
-    law = Replay(t=jnp.asarray(needed.t), inputs=jnp.stack([jnp.asarray(needed.needs[n]) for n in idle], axis=1))
+    law = Replay(t=jnp.asarray(needed.t), needs={name: jnp.asarray(needed.needs[name]) for name in idle})
     run = agvjax.simulate(law, dataclasses.replace(scenario, deadzone=idle, start=start), n_steps=4000)
     assert np.linalg.norm(run.position - run.reference_position, axis=1).max() < 1e-4
 

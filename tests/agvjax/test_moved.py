@@ -88,3 +88,23 @@ def test_old_modules_are_found_with_neither_package_imported_before():
     code = "import warnings; warnings.simplefilter('ignore'); from tuning.settings import Tune; print(Tune.__module__)"
     assert python(code).strip() == "tuning.config.settings"
     assert tuning.Tune.__module__ == "tuning.config.settings"
+
+
+def test_a_tuner_takes_its_settings_one_by_one_as_it_did():
+    scenes = agvjax.batch(agvjax.Scenario(), {"start.heading": [0.1, 0.2]})
+    gains = tuning.Gains(("k1",), [0.0], [50.0])
+    with pytest.warns(DeprecationWarning) as warned:
+        tuner = tuning.Tuner(
+            agvjax.NeuroBackstepping(), scenes, gains, tuning.Objective(), dt=1e-2, n_steps=1200, iterations=40
+        )
+    said = ["dt, n_steps: now in timing=Timing(...)", "iterations: now in settings=Tune(...)"]
+    assert [str(one.message) for one in warned] == said
+    today = tuning.Tuner(
+        agvjax.NeuroBackstepping(),
+        scenes,
+        gains,
+        tuning.Objective(),
+        tuning.Tune(iterations=40),
+        agvjax.Timing(dt=1e-2, n_steps=1200),
+    )
+    assert (tuner.settings, tuner.timing) == (today.settings, today.timing)

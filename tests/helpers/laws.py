@@ -1,5 +1,7 @@
 """Laws of one's own, which compile quickly."""
 
+import jax.numpy as jnp
+
 import agvjax
 
 
@@ -20,3 +22,15 @@ class Proportional(agvjax.Law):
         u = reference.acceleration - self.stiffness * e - self.damping * de + self.lean
         turn = reference.heading_rate - self.turn * (measurement.heading - reference.heading)
         return agvjax.Command(position=u, heading=turn), ()
+
+
+class OpenLoop(agvjax.Law):
+    """Asks the actuators for signals of time, `inputs(t)`, whatever the vehicle does."""
+
+    def init(self, measurement, reference):
+        return jnp.zeros_like(measurement.heading)
+
+    def law(self, flow, memory, measurement, reference):
+        zero = jnp.zeros_like(flow)
+        command = agvjax.Command(position=jnp.stack([zero, zero]), heading=zero, inputs=self.inputs(flow))
+        return command, jnp.ones_like(flow)

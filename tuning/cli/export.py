@@ -36,19 +36,18 @@ def run(arguments: argparse.Namespace) -> int:
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
     module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
     try:
-        made = module.files(found, name or module.NAME)
+        contents = module.files(found, name or module.NAME)
+    except InputError:
+        raise
     except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            [Fault("controller", found.provenance["law"][-1], f"a law that can be exported ({error})")]
-        ) from error
+        rule = f"a law that can be exported ({error})"
+        raise InputError([Fault("controller", found.provenance["law"][-1], rule)]) from error
     out, console = new_folder(arguments.out, arguments.command), Console(arguments.quiet)
-    for name, content in made.items():
+    for name, content in contents.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)
     files.write_json(out / "provenance.json", found.provenance)
     if isinstance(found.provenance["uncertainty"], str):
         console.note(f"uncertainty {found.provenance['uncertainty']}")
-    console.say(f"{len(made) + 1} files written to {out}: {', '.join(sorted(made))}")
+    console.say(f"{len(contents) + 1} files written to {out}: {', '.join(sorted(contents))}")
     return 0

@@ -45,9 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
         _animate(console, out, trajectory)
     console.say(_tables(numbers), f"written to {out}")
     if not trajectory.ok:
-        raise RunFailed(
-            f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
-        )
+        limit = config.scenario.limit
+        raise RunFailed(f"the run diverged: the vehicle's state passed {limit:g} and was held there ({out})")
     return 0
 
 

@@ -64,9 +64,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
     """Iterate with a bar; save now and then, at the end, and when interrupted."""
     problem, first = recorder.problem, recorder.run
     size, iterations = problem.config.ensemble.size, problem.config.tune.iterations
-    console.say(
-        f"tuning {', '.join(recorder.names)} on {size} scenarios; the first start compiles for a minute",
-    )
+    console.say(f"tuning {', '.join(recorder.names)} on {size} scenarios; the first start compiles for a minute")
     bar = console.bar(iterations, "it", max(p.iteration for p in first.searches))
 
     def each(run: Run) -> None:

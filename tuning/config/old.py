@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import tomllib
 import warnings
 from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 from agvjax.metric_table import OLD_NAMES
 
 from .spellings import Toml, flat
 
+T = TypeVar("T", bound=type)
 METRIC_KEYS = {"tune": ("goals", "limits"), "sweep": ("fails", "metrics"), "pareto": ("metric",)}  # hold metric names
 RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "tune.choices": "absent: tune one of each in a folder of its own, by a loop of the shell",
@@ -46,6 +50,28 @@ def _new_name(name: str, place: str, note: Callable[[str], None]) -> str:
     if new != name:
         note(f"{place}: the old name of {new}")
     return new
+
+
+def gathered_keywords(**homes: type) -> Callable[[T], T]:
+    """A dataclass whose earlier keywords go on working: each fills a field of the `homes`, attribute -> its class."""
+
+    def decorate(cls: T) -> T:
+        present_init, defaults = vars(cls)["__init__"], vars(cls)
+
+        @functools.wraps(present_init)
+        def init(self: object, *values: object, **keywords: Any) -> None:
+            for home, kind in homes.items():
+                earlier = {f.name for f in dataclasses.fields(kind)} & keywords.keys() - {home}
+                if earlier:
+                    warned(f"{', '.join(sorted(earlier))}: now in {home}={kind.__name__}(...)")
+                    moved = {name: keywords.pop(name) for name in earlier}
+                    keywords[home] = dataclasses.replace(keywords.get(home, defaults[home]), **moved)
+            present_init(self, *values, **keywords)
+
+        setattr(cls, "__init__", init)  # noqa: B010  # pyright takes no other name for a method
+        return cls
+
+    return decorate
 
 
 def difference(old: str, new: str) -> str:

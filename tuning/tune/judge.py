@@ -74,16 +74,12 @@ def judge(outcome: Outcome) -> TuneVerdict:
     seen = problem.tuner.batch
     both, unseen = seen_and_unseen(problem)
     parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
-    metrics = {
-        label: judged(config, c, both) for label, c in (("before", config.controller), ("after", outcome.controller))
-    }
+    metrics = [judged(config, law, both) for law in (config.controller, outcome.controller)]
     before, after = (
-        {part: summary(jax.tree.map(lambda x, s=s: x[s], metrics[label])) for part, s in parts.items()}
-        for label in ("before", "after")
+        {part: summary(jax.tree.map(lambda x, s=s: x[s], m)) for part, s in parts.items()} for m in metrics
     )
     tuned_on, new = (
-        [jax.tree.map(lambda x, s=s: x[s], metrics[label]) for label in ("before", "after")]
-        for s in (slice(None, seen.size), parts["validation"])
+        [jax.tree.map(lambda x, s=s: x[s], m) for m in metrics] for s in (slice(None, seen.size), parts["validation"])
     )
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)

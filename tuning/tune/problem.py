@@ -73,12 +73,8 @@ def pose(config: Config) -> TuningProblem:
 
 def requirements(settings: Tune) -> Objective:
     """Goals and limits as the tuner has them."""
-    goals = [
-        Requirement(metric, s, getattr(w, s))
-        for metric, w in settings.goals.items()
-        for s in STATISTICS
-        if getattr(w, s)
-    ]
+    weights = [(metric, s, getattr(w, s)) for metric, w in settings.goals.items() for s in STATISTICS]
+    goals = [Requirement(*weight) for weight in weights if weight[2]]
     limits = [
         Requirement(metric, s, getattr(limit, s), limit.absolute)
         for s in STATISTICS
@@ -109,16 +105,13 @@ def starts(problem: TuningProblem) -> list[Array]:
 
 def _drawn(batch: agvjax.Batch) -> list[Fault]:
     """Draws that broke the rule of their leaf."""
-    bad = []
+    refused = []
     for name, values in batch.values.items():
         rule, array = rule_of(batch.scenario, name), np.asarray(values)
-        if rule is None:
-            continue
-        broken = ~np.asarray(rule.holds(array))
-        if broken.any():
+        if rule is not None and (broken := ~np.asarray(rule.holds(array))).any():
             text = f"drawn so that every value is {rule.text}: {int(broken.sum())} of {broken.size} are not"
-            bad.append(Fault(f"ensemble.draws.{name}", float(array[broken][0]), text))
-    return bad
+            refused.append(Fault(f"ensemble.draws.{name}", float(array[broken][0]), text))
+    return refused
 
 
 def _fresh(config: Config, iteration: int) -> dict[str, np.ndarray]:

@@ -16,6 +16,7 @@ import agvjax
 from agvjax.leaves import swap
 
 from ..compute.processes import gathered, joined
+from ..config.old import gathered_keywords
 from ..config.settings import Tune
 from .gains import Gains
 from .methods import Method, method
@@ -29,6 +30,7 @@ FEASIBLE = 5e-4  # while tuning up to half of it: the coarser step of tuning may
 HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "backed_out", "rollouts")
 
 
+@gathered_keywords(timing=agvjax.Timing, settings=Tune)
 @dataclasses.dataclass(frozen=True)
 class Tuner:
     """A search for gains, to be stepped by a method: what to tune, on which scenarios, to what end.

@@ -8,23 +8,18 @@ import pytest
 import agvjax
 from agvjax import Backlash, Chain, Deadzone, Delay, Lag, Quantisation, RateLimit, Saturation, Scenario, Unicycle
 from agvjax.hashed import uniform
+from laws import OpenLoop
 
 
 @agvjax.pytree
-class Played(agvjax.Law):
+class Played(OpenLoop):
     """Asks the first actuator for a signal of time, the second for nothing."""
 
     amplitude: float = agvjax.number(1.0)
     omega: float = agvjax.number(2.0)
 
-    def init(self, measurement, reference):
-        return jnp.zeros_like(measurement.heading)
-
-    def law(self, flow, memory, measurement, reference):
-        u = self.signal(flow)
-        zero = jnp.zeros_like(u)
-        inputs = {"acceleration": u, "yaw_acceleration": zero}
-        return agvjax.Command(position=jnp.stack([u, zero]), heading=zero, inputs=inputs), jnp.ones_like(u)
+    def inputs(self, t):
+        return {"acceleration": self.signal(t), "yaw_acceleration": jnp.zeros_like(t)}
 
     def signal(self, t):
         return self.amplitude * jnp.sin(self.omega * t)

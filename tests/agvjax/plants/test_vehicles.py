@@ -11,22 +11,18 @@ from scipy.integrate import solve_ivp
 import agvjax
 from agvjax import Command, Deadzone, DifferentialDrive, NoDisturbance, Scenario, SpeedDrive, Start, Unicycle
 from agvjax.plants import RollingState
+from laws import OpenLoop
 
 RNG = np.random.default_rng(5)
 ROBOT = {"mass": 12.7, "inertia": 0.33, "friction": 0.05, "viscous": 0.01, "L": 0.15}
 
 
 @agvjax.pytree
-class Torques(agvjax.Law):
+class Torques(OpenLoop):
     """Two sinusoids as torques, whatever the vehicle does."""
 
-    def init(self, measurement, reference):
-        return jnp.zeros_like(measurement.heading)
-
-    def law(self, flow, memory, measurement, reference):
-        zero = jnp.zeros_like(flow)
-        inputs = dict(zip(("torque_left", "torque_right"), torques(flow, jnp), strict=True))
-        return Command(position=jnp.stack([zero, zero]), heading=zero, inputs=inputs), jnp.ones_like(flow)
+    def inputs(self, t):
+        return dict(zip(("torque_left", "torque_right"), torques(t, jnp), strict=True))
 
 
 def torques(t, xp=np):

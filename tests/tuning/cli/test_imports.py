@@ -11,7 +11,7 @@ from commands import ROOT, arguments
 from tuning.cli.main import main
 from tuning.sweep import results
 
-OWN = ROOT / "tests" / "helpers" / "own.py"
+OWN = ROOT / "tests" / "data" / "own.py"
 SCENE = ["scenario.plant=Omni", "scenario.path.type=Spiral", "scenario.path.growth=0.25", "scenario.heading=tangent"]
 SETTINGS = [
     *SCENE,

@@ -14,7 +14,7 @@ from tuning.config.write import gains_table
 from tuning.sweep import rules as sweep_rules
 from tuning.tune import rules as tune_rules
 
-OWN = str(ROOT / "tests" / "helpers" / "own.py")
+OWN = str(ROOT / "tests" / "data" / "own.py")
 DIGEST = hashlib.sha256(Path(OWN).read_bytes()).hexdigest()
 OMNI = ["scenario.plant=Omni", "controller=Spring", "simulate.horizon=2", "simulate.dt=0.005"]
 LAW = "import agvjax\n\n\n@agvjax.pytree\nclass {}(agvjax.Law):\n    gain: float = agvjax.number(2.0, '1/s')\n"

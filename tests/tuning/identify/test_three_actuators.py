@@ -2,22 +2,61 @@
 
 import csv
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import agvjax
-import reference
-from own import ANGLES, WHEELS, Omni
+from agvjax import Measurement
+from agvjax.geometry import into_body, into_plane
 from tuning import Config
 from tuning.config.settings import Identify
 from tuning.identify import first_drive, identify
 
-# m/s^2, m/s^2, rad/s^2 of the body for 1 m/s^2 of each wheel
-PUSH = np.column_stack([-2 / 3 * np.sin(ANGLES), 2 / 3 * np.cos(ANGLES), np.full(3, 1 / (3 * 0.2))]).T
+WHEELS = 2 * np.pi * np.arange(3) / 3  # rad, where they stand around the body
+ARM, NAMES = 0.2, ("first", "second", "third")  # m
+PUSH = np.column_stack([-np.sin(WHEELS), np.cos(WHEELS), np.full(3, 1 / ARM)]).T  # [m/s^2, m/s^2, rad/s^2] of each
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 TRUE = np.array([[0.8, 0.9, 0.5, 0.4], [0.7, 0.75, 0.3, 0.6], [0.95, 0.65, 0.45, 0.35]])  # by actuator, PARTS
 STEP = 0.02  # s
+
+
+@agvjax.pytree
+class State:
+    position: object
+    velocity: object
+    heading: object
+    yaw_rate: object
+
+
+@agvjax.pytree
+class Omni(agvjax.Plant):
+    """Three wheels at 120 degrees, each pushes along its own rim."""
+
+    actuators = NAMES
+    units = dict.fromkeys(NAMES, "m/s^2")
+
+    def start(self, start):
+        zero = jnp.zeros_like(jnp.asarray(start.heading))
+        return State(position=start.position, velocity=start.velocity, heading=start.heading, yaw_rate=zero)
+
+    def allocate(self, command, measurement):
+        body = jnp.stack([*into_body(command.position, measurement.heading), command.heading])
+        return dict(zip(NAMES, jnp.asarray(np.linalg.inv(PUSH)) @ body, strict=True))
+
+    def derivative(self, state, memory, delivered, disturbance):
+        body = jnp.asarray(PUSH) @ jnp.stack([delivered[name] for name in NAMES])
+        pushed = into_plane(body[0], body[1], state.heading) + disturbance[:2]
+        return State(position=state.velocity, velocity=pushed, heading=state.yaw_rate, yaw_rate=body[2])
+
+    def output(self, state, delivered):
+        return Measurement(
+            position=state.position, velocity=state.velocity, heading=state.heading, yaw_rate=state.yaw_rate
+        )
+
+    def deadzones(self):
+        return {name: agvjax.Deadzone() for name in NAMES}
 
 
 def commanded(t):
@@ -26,8 +65,14 @@ def commanded(t):
     return 1.4 * np.sin(np.array([0.9, 1.3, 1.9]) * t + [0.2, 1.5, 3.1]) + 0.7 * np.sin(np.array([3.1, 2.3, 2.7]) * t)
 
 
+def dead(u):
+    """Eq. (3): what the true actuators deliver."""
+    right, left, high, low = TRUE.T
+    return np.where(u > high, right * (u - high), np.where(u < -low, left * (u + low), 0.0))
+
+
 def motion(t, x):
-    ax, ay, turning = PUSH @ reference.deadzone(commanded(t), *TRUE.T)
+    ax, ay, turning = PUSH @ dead(commanded(t))
     c, s = np.cos(x[4]), np.sin(x[4])
     return [x[2], x[3], c * ax - s * ay, s * ax + c * ay, x[5], turning]
 
@@ -43,7 +88,7 @@ def log(tmp_path_factory):
     file = tmp_path_factory.mktemp("omni") / "log.csv"
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(["t", "x", "y", "heading", "vx", "vy", *WHEELS])
+        writer.writerow(["t", "x", "y", "heading", "vx", "vy", *NAMES])
         writer.writerows(np.column_stack([t, seen, commanded(t)]).tolist())
     return str(file)
 
@@ -56,9 +101,7 @@ def config(**more):
 def test_deadzones_of_three_actuators_of_ones_own_are_found(log):
     result = identify([log], config())
     estimates = {e.name: e for e in result.verdict.estimates}
-    true = {
-        f"deadzone.{n}.{p}": x for n, row in zip(WHEELS, TRUE, strict=True) for p, x in zip(PARTS, row, strict=True)
-    }
+    true = {f"deadzone.{n}.{p}": x for n, row in zip(NAMES, TRUE, strict=True) for p, x in zip(PARTS, row, strict=True)}
     assert set(estimates) == set(true)
     for name, value in true.items():
         assert estimates[name].identified, name

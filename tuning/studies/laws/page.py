@@ -69,6 +69,12 @@ def statements(made: list[Json]) -> list[str]:
         for names, words in ((better, "better"), (worse, "worse"), (alike, "alike, within 1 %,"))
         if names
     ]
+    used = sorted(row["use_mean"] for row in made)
+    sentences.append(
+        "The budget is kept on the scenarios tuned on. On the unseen ones the laws use"
+        f" {used[0]:.2f} to {used[-1]:.2f} times its mean, the proposed law {base['use_mean']:.2f}:"
+        " a lead that is smaller than what a law uses more may be bought, not earned."
+    )
     diverged = [f"{LABELS[r['law']]} {r['diverged_after']}" for r in made if r["diverged_after"]]
     return [*sentences, f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}."]
 
@@ -139,9 +145,10 @@ mean and worst, no more than the proposed law needs there with its printed gains
 
 {table}
 
-"Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios. "Refused" are Jacobians
-whose slopes are the sensitivity of a chattering run; "left out" are starts that the tuning step or the stability
-conditions forbid.
+These figures are not those of `agvjax tune`, which holds three limits, not nine, and may so spend the commands of one
+channel on another. "Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios.
+"Refused" are Jacobians whose slopes are the sensitivity of a chattering run; "left out" are starts that the tuning step
+or the stability conditions forbid.
 
 {image("comparison")}
 

@@ -97,12 +97,11 @@ def groups(proposed: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> dic
     change = functools.partial(dataclasses.replace, proposed)
     laws = {"osfc": agvjax.OSFC(), "asmc": agvjax.ASMC(), "dfc": agvjax.DFC(), "ftsmc": agvjax.FTSMC()}
 
-    def swept(law: str, like: agvjax.Law) -> dict[str, Case]:
-        named = {law: like} | {f"{law} p={p:g}": matched(law, p, like) for p in BANDWIDTHS}
-        return {name: Case(controller, scenario) for name, controller in named.items()}
-
     def alone(**controllers: agvjax.Law) -> dict[str, Case]:
         return {name: Case(controller, scenario) for name, controller in controllers.items()}
+
+    def swept(law: str, like: agvjax.Law) -> dict[str, Case]:
+        return alone(**{law: like}, **{f"{law} p={p:g}": matched(law, p, like) for p in BANDWIDTHS})
 
     found = {"proposed": swept("proposed", proposed)}
     found["proposed"] |= alone(no_integral=change(Lam=0.0, Lam_psi=0.0))
@@ -130,9 +129,8 @@ def groups(proposed: agvjax.NeuroBackstepping, scenario: agvjax.Scenario) -> dic
 
 def literal_thresholds(scenario: agvjax.Scenario) -> agvjax.Scenario:
     """Reading R1, selectable: the left thresholds negative, as section 4 prints them."""
-    signed = {
-        n: dataclasses.replace(d, threshold_left=-d.threshold_left) for n, d in papers_deadzones(scenario).items()
-    }
+    zones = papers_deadzones(scenario)
+    signed = {name: dataclasses.replace(d, threshold_left=-d.threshold_left) for name, d in zones.items()}
     return dataclasses.replace(scenario, deadzone=signed)
 
 

@@ -49,17 +49,15 @@ def drive(
         watch: called at every instant; what it returns is returned as a list too.
     """
     period = float(law.period)
-    start = scenario.start
+    start, names = scenario.start, scenario.plant.actuators
     world.reset(np.asarray(start.position), np.asarray(start.velocity), float(start.heading))
-    first = _first(law, scenario, world.measure())
-    carry, rows, seen = first, [], []
+    carry, rows, seen = _first(law, scenario, world.measure()), [], []
     for k in range(round(horizon / period) + 1):
         now = world.measure()
         carry, row = _period(law, scenario, carry, now, jnp.asarray(k * period))
         rows.append(jax.device_get((k * period, now.position, now.heading, *row)))
         seen.append(watch() if watch else None)
-        names, delivered = scenario.plant.actuators, rows[-1][-2]
-        world.apply(dict(zip(names, map(float, delivered), strict=True)), period)
+        world.apply(dict(zip(names, map(float, rows[-1][-2]), strict=True)), period)
     driven = Drive(*(np.array(column) for column in zip(*rows, strict=True)))
     return (driven, seen) if watch else driven
 

@@ -31,7 +31,7 @@ def write(study: Study, out: Path) -> str:
     files.write_figure(out / "car.png", _paths(study.runs["car"]))
     if study.robot:
         files.write_figure(out / "robot.png", _robots(study))
-        moving = {name: study.runs["robot"][SHOWN, name] for name in ("paper's gains", "tuned gains")}
+        moving = _robot_runs(study, SHOWN)
         files.write_by(out / "robot.gif", lambda file: animate.write_gif(animate.animation(moving), file))
     files.write_json(out / "findings.json", findings(study))
     text = page(study)
@@ -131,9 +131,8 @@ def _robot(study: Study) -> str:
     header = ["path", "law", "RMSE [m]", f"largest after {LATE:g} s [mm]", "without noise [mm]", "rms torque [Nm]"]
     rows = []
     for r in study.robot:
-        cells = [r["path"], r["law"], f"{r['rmse']:.3f}"]
-        cells += [f"{1e3 * r['late']:.0f}", f"{1e3 * r['late_without_noise']:.0f}"]
-        rows.append([*cells, f"{r['rms_torque']:.2f}", f"{r['variation']:.0f}"])
+        late = [f"{1e3 * r[name]:.0f}" for name in ("late", "late_without_noise")]
+        rows.append([r["path"], r["law"], f"{r['rmse']:.3f}", *late, f"{r['rms_torque']:.2f}", f"{r['variation']:.0f}"])
     return grid([*header, "torque variation [Nm]"], rows)
 
 
@@ -164,13 +163,16 @@ def _paths(drawn: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def _robot_runs(study: Study, path: str) -> dict[str, Any]:
+    return {name: study.runs["robot"][path, name] for name in ("paper's gains", "tuned gains")}
+
+
 def _robots(study: Study) -> Figure:
     paths = list(dict.fromkeys(row["path"] for row in study.robot))
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     places = figure.subplots(1, len(paths))
     for axes, path in zip(places, paths, strict=True):
-        drawn = {name: study.runs["robot"][path, name] for name in ("paper's gains", "tuned gains")}
-        plot.draw_path(axes, drawn)
+        plot.draw_path(axes, _robot_runs(study, path))
         axes.get_legend().remove()
         axes.set_title(path, fontsize=9)
     figure.legend(*places[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)

@@ -88,11 +88,11 @@ class Robot:
         data.qpos[:] = self._standing
         self._mujoco.mj_forward(self.model, data)
         product, motions = np.zeros(self.model.nv), (self._rolling(1.0, 0.0), self._rolling(0.0, 1.0))
-        found = np.zeros((2, 2))
+        mass = np.zeros((2, 2))
         for i, motion in enumerate(motions):
             self._mujoco.mj_mulM(self.model, data, product, motion)
-            found[i] = [product @ other for other in motions]
-        return found
+            mass[i] = [product @ other for other in motions]
+        return mass
 
     @property
     def effective_mass(self) -> float:
@@ -129,11 +129,8 @@ class Robot:
         v, across = velocity[0] * cosine + velocity[1] * sine, velocity[1] * cosine - velocity[0] * sine
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self._standing
-        for name, value in {
-            "x": position[0] - self.L * cosine,
-            "y": position[1] - self.L * sine,
-            "yaw": heading,
-        }.items():
+        place = {"x": position[0] - self.L * cosine, "y": position[1] - self.L * sine, "yaw": heading}
+        for name, value in place.items():
             self.data.qpos[self._address[name]] = value
         self.data.qvel[:] = self._rolling(v, across / self.L, heading)
         self.data.qacc_warmstart[:] = self._warm

@@ -85,7 +85,7 @@ def delayed(scenario: agvjax.Scenario, time: float) -> agvjax.Scenario:
     return dataclasses.replace(scenario, actuators=dict.fromkeys(scenario.plant.actuators, chain))
 
 
-def paper_gains(seed: int) -> Json:
+def paper_gains(config: Config) -> Json:
     """The paper's gains on the unicycle: continuous, sampled, by Euler, with delay; and from how many starts."""
     plain, law = Scenario.of(Unicycle()), Sampled(vehicle=Unicycle())
     late = delayed(plain, 0.02)
@@ -96,7 +96,7 @@ def paper_gains(seed: int) -> Json:
         "50 Hz, exact, 20 ms late": agvjax.simulate(law, late),
     }
     draws = {"start.position": Between(-0.5, 0.5), "start.heading": Between(-0.5, 1.0)}
-    many = agvjax.evaluate(law, sample(late, draws, 64, seed))
+    many = agvjax.evaluate(law, sample(late, draws, 64, config.seed))
     first = runs["continuous"]
     virtual, inputs = (np.abs(np.asarray(x[0])) for x in (first.command, first.inputs))
     peaks = {"virtual": float(virtual.max()), "acceleration": float(inputs[0]), "yaw_acceleration": float(inputs[1])}
@@ -117,16 +117,16 @@ def limited(config: Config) -> Json:
         "tuned": after,
         "tuned, no anti-windup": dataclasses.replace(after, anti_windup=NoAntiWindup()),
     }
-    found, runs = {}, {}
+    judged, runs = {}, {}
     for name, law in laws.items():
         for where, start in (("paper's start", Start()), ("3 m off", Start(position=jnp.array(FAR)))):
             runs[f"{name}, {where}"] = run = agvjax.simulate(law, dataclasses.replace(config.scenario, start=start))
-            found[f"{name}, {where}"] = of_run(run)
+            judged[f"{name}, {where}"] = of_run(run)
     unseen = sample(config.scenario, config.ensemble.draws, 64, config.seed + 1)
     t, errors, ok, _ = _many(after, unseen, config.simulate.dt, 12.0)
     each = [told(t, error, good) for error, good in zip(errors, ok, strict=True)]
     worst = Told(all(x.ok for x in each), *(max(getattr(x, f) for x in each) for f in ("rmse", "settling", "late")))
-    return {"limited": found, "unseen": worst, "tuned": (config.controller, after), "runs": runs}
+    return {"limited": judged, "unseen": worst, "tuned": (config.controller, after), "runs": runs}
 
 
 def _many(
@@ -238,18 +238,12 @@ def _robot_row(noisy: Drive, clean: Drive) -> dict[str, float]:
 def study(configs: Mapping[str, Config], tick: Callable[[str], None]) -> Study:
     """All of it; `tick(name)` as each part is done."""
     parts: dict[str, Json] = {}
-    for name, make in (
-        ("paper", lambda: paper_gains(configs["unicycle"].seed)),
-        ("unicycle", lambda: limited(configs["unicycle"])),
-        ("car", lambda: car(configs["car"])),
-        ("robot", lambda: robot(configs["robot"])),
-    ):
-        parts[name] = make()
+    makers = {"paper": paper_gains, "unicycle": limited, "car": car, "robot": robot}
+    for name, make in makers.items():
+        parts[name] = make(configs["unicycle" if name == "paper" else name])
         tick(name)
-    fields = {key: value for part in parts.values() for key, value in part.items()}
-    return Study(
-        **{name: fields[name] for name in ("paper", "peaks", "lost", "starts", "limited", "unseen", "car", "robot")},
-        tuned={name: parts[name]["tuned"] for name in ("unicycle", "car", "robot")},
-        runs={name: part["runs"] for name, part in parts.items()},
-        without=[text for part in parts.values() for text in part.get("without", [])],
-    )
+    fields = {key: value for part in parts.values() for key, value in part.items() if key in Study._fields}
+    fields["tuned"] = {name: part["tuned"] for name, part in parts.items() if "tuned" in part}
+    fields["runs"] = {name: part["runs"] for name, part in parts.items()}
+    fields["without"] = [text for part in parts.values() for text in part.get("without", [])]
+    return Study(**fields)

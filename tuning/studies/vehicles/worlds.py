@@ -67,10 +67,8 @@ class CommonRoadWorld:
         front, ahead = self.parameters.a, np.array([np.cos(psi), np.sin(psi)])
         velocity = v * np.array([np.cos(psi + beta), np.sin(psi + beta)]) + front * r * np.array([-ahead[1], ahead[0]])
         place = np.array([x, y]) + front * ahead
-        found = (jnp.asarray(value) for value in (place, velocity, psi, r, delta))
-        return agvjax.Measurement(
-            **dict(zip(("position", "velocity", "heading", "yaw_rate", "steering_angle"), found, strict=True))
-        )
+        place, velocity, psi, r, delta = (jnp.asarray(x) for x in (place, velocity, psi, r, delta))
+        return agvjax.Measurement(position=place, velocity=velocity, heading=psi, yaw_rate=r, steering_angle=delta)
 
     def apply(self, delivered: dict[str, float], period: float) -> None:
         """Steering rate and acceleration."""

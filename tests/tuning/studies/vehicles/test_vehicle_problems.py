@@ -9,7 +9,7 @@ from PIL import Image
 
 import agvjax
 import tuning
-from commands import python, run
+from commands import arguments, python, run
 from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.config.load import BUILT_IN, resolve
@@ -19,10 +19,6 @@ from tuning.tune import rules as tune_rules
 SHORT = ["simulate.horizon=0.2", "simulate.save_every=10"]
 BRIEF = ["ensemble.size=4", "ensemble.validation_size=4", "tune.iterations=3", "simulate.horizon=1"]
 BRIEF += ["tune.search.scouts=1", "tune.search.starts=1", "tune.search.iterations=1", "tune.search.checks=0"]
-
-
-def options(values):
-    return [word for value in values for word in ("--set", value)]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -76,49 +72,41 @@ def test_a_later_table_of_another_type_or_distribution_begins_anew(tmp_path):
 
 def test_chains_keep_the_order_of_their_table():
     table = {"lag": {"time_constant": 0.03}, "stop": {"type": "saturation", "upper": 2.0}, "delay": {"time": 0.01}}
-    given = {"scenario": {"plant": "unicycle", "actuators": {"acceleration": table}}, "controller": "sampled"}
-    config = resolve(given)
-    assert list(config.scenario.actuators["acceleration"]) == ["lag", "stop", "delay"]
-    again = resolve(tomllib.loads(configuration.dump(config)))
-    assert list(again.scenario.actuators["acceleration"]) == ["lag", "stop", "delay"]
-    assert again.scenario.actuators["acceleration"]["stop"].upper == 2.0
+    scene = {"scenario": {"plant": "unicycle", "actuators": {"acceleration": table}}, "controller": "sampled"}
+    config = resolve(scene)
+    for read in (config, resolve(tomllib.loads(configuration.dump(config)))):
+        chain = read.scenario.actuators["acceleration"]
+        assert list(chain) == ["lag", "stop", "delay"] and chain["stop"].upper == 2.0
+
+
+def unicycle(**scene):
+    return {"scenario": {"plant": "unicycle", **scene}}
+
+
+def sampled(**law):
+    return {"controller": {"type": "sampled", **law}}
 
 
 WRONG = [
     ({"scenario": {"plant": "tricycle"}}, "scenario.plant.type"),
-    ({"scenario": {"plant": "unicycle", "actuators": {"position": {"delay": {}}}}}, "scenario.actuators.position"),
-    ({"scenario": {"plant": "unicycle", "actuators": {"acceleration": {"lagg": {}}}}}, "acceleration.lagg"),
-    ({"scenario": {"plant": "unicycle", "actuators": {"acceleration": 3}}}, "scenario.actuators"),
-    ({"scenario": {"plant": "unicycle", "actuators": {"acceleration": {"delay": {"time": -1}}}}}, "delay.time"),
-    ({"scenario": {"plant": "unicycle"}, "tune": {"limits": {"peak_heading": 1.0}}}, "tune.limits.peak_heading"),
-    ({"scenario": {"plant": "unicycle"}, "tune": {"goals": {"rmse_heading": 1.0}}}, "tune.goals.rmse_heading"),
-    ({"scenario": {"plant": "unicycle", "deadzone": {"heading": {"slope_left": 1}}}}, "scenario.deadzone.heading"),
+    (unicycle(actuators={"position": {"delay": {}}}), "scenario.actuators.position"),
+    (unicycle(actuators={"acceleration": {"lagg": {}}}), "acceleration.lagg"),
+    (unicycle(actuators={"acceleration": 3}), "scenario.actuators"),
+    (unicycle(actuators={"acceleration": {"delay": {"time": -1}}}), "delay.time"),
+    (unicycle() | {"tune": {"limits": {"peak_heading": 1.0}}}, "tune.limits.peak_heading"),
+    (unicycle() | {"tune": {"goals": {"rmse_heading": 1.0}}}, "tune.goals.rmse_heading"),
+    (unicycle(deadzone={"heading": {"slope_left": 1}}), "scenario.deadzone.heading"),
+    (unicycle() | sampled(vehicle="decoupled"), "controller.vehicle"),
+    (unicycle() | sampled(period=0.0175), "dt"),
+    (sampled(period=-1), "controller.period"),
+    (sampled() | {"simulate": {"control_every": 2}}, "simulate.control_every"),
     (
-        {"scenario": {"plant": "unicycle"}, "controller": {"type": "sampled", "vehicle": "decoupled"}},
-        "controller.vehicle",
-    ),
-    ({"scenario": {"plant": "unicycle"}, "controller": {"type": "sampled", "period": 0.0175}}, "dt"),
-    ({"controller": {"type": "sampled", "period": -1}}, "controller.period"),
-    ({"controller": {"type": "sampled"}, "simulate": {"control_every": 2}}, "simulate.control_every"),
-    (
-        {
-            "scenario": {"plant": "unicycle", "actuators": {"acceleration": {"delay": {"time": 0.1}}}},
-            "controller": {"type": "sampled"},
-        },
+        unicycle(actuators={"acceleration": {"delay": {"time": 0.1}}}) | sampled(),
         "scenario.actuators.acceleration.delay.slots",
     ),
+    (unicycle(actuators={"acceleration": {"lag": {"time_constant": 1e-4}}}) | sampled(), "dt"),
     (
-        {
-            "scenario": {"plant": "unicycle", "actuators": {"acceleration": {"lag": {"time_constant": 1e-4}}}},
-            "controller": {"type": "sampled"},
-        },
-        "dt",
-    ),
-    (
-        {
-            "scenario": {"plant": "unicycle"},
-            "controller": {"type": "sampled", "anti_windup": {"type": "back_calculation", "limits": [1.0, 2.0, 3.0]}},
-        },
+        unicycle() | sampled(anti_windup={"type": "back_calculation", "limits": [1.0, 2.0, 3.0]}),
         "controller.anti_windup.limits",
     ),
 ]
@@ -135,7 +123,7 @@ def test_wrong_tables_are_named(table, key):
 def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
     out = tmp_path / "run"
     few = ['tune.gains=["inner.k1"]', "tune.dt=0.02", "simulate.dt=0.005"]
-    assert cli.main(["tune", "--config", "unicycle", "--out", str(out), "--quiet", *options(BRIEF + few)]) == 0
+    assert cli.main(arguments("tune", out, BRIEF + few, "--config", "unicycle", "--quiet")) == 0
     text = (out / "report.md").read_text()
     assert "delivered_variation" in text
     assert "peak_heading" not in text
@@ -149,8 +137,7 @@ def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
 
 def test_simulate_writes_what_the_actuators_did(tmp_path, capsys):
     out = tmp_path / "run"
-    code = cli.main(["simulate", "--config", "unicycle", "--animate", "--out", str(out), *options(SHORT)])
-    assert code == 0
+    assert cli.main(arguments("simulate", out, SHORT, "--config", "unicycle", "--animate")) == 0
     metrics = json.loads((out / "metrics.json").read_text())
     assert set(metrics["rms_delivered"]) == {"acceleration", "yaw_acceleration"}
     assert set(metrics["rmse"]) == {"x", "y"}
@@ -172,7 +159,7 @@ def test_an_animation_that_fails_leaves_nothing_half_written(tmp_path, monkeypat
 
     monkeypatch.setattr(animate, "write_gif", fails)
     out = tmp_path / "run"
-    assert cli.main(["simulate", "--animate", "--quiet", "--out", str(out), *options(SHORT)]) == 1
+    assert cli.main(arguments("simulate", out, SHORT, "--animate", "--quiet")) == 1
     assert not [file for file in out.iterdir() if "animation" in file.name]
 
 
@@ -208,9 +195,9 @@ def test_metrics_of_what_is_delivered_are_those_of_the_samples():
 @pytest.mark.slow
 def test_sweeps_take_vehicles_too(tmp_path):
     out = tmp_path / "sweep"
-    more = ["sweep.radius=false", *SHORT[:1]]
-    axis = ["--over", "actuators.acceleration.delay.time=0.0:0.02:3", "--over", "controller.inner.k1=2:4:2"]
-    assert cli.main(["sweep", "--config", "unicycle", "--quiet", "--out", str(out), *axis, *options(more)]) == 0
+    settings = ["sweep.radius=false", *SHORT[:1]]
+    axes = ["--over", "actuators.acceleration.delay.time=0.0:0.02:3", "--over", "controller.inner.k1=2:4:2"]
+    assert cli.main(arguments("sweep", out, settings, *axes, "--config", "unicycle", "--quiet")) == 0
     assert tuning.load(out).metrics
 
 
@@ -226,17 +213,12 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
     assert not found["paper"]["50 Hz, Euler"]["ok"]
     assert found["lost"] > 0
     near, far = found["limited"]["tuned, paper's start"], found["limited"]["tuned, 3 m off"]
-    assert near["rmse"] <= 0.17
-    assert near["settling"] <= 2
-    assert near["late"] <= 0.03
-    assert far["settling"] <= 4
-    assert found["unseen"]["settling"] <= 4
+    assert near["rmse"] <= 0.17 and near["settling"] <= 2 and near["late"] <= 0.03
+    assert far["settling"] <= 4 and found["unseen"]["settling"] <= 4
     assert found["limited"]["tuned, no anti-windup, paper's start"]["late"] > 1
     for name, row in found["car"].items():
         if name.startswith("tuned"):
-            assert row["late"] <= 0.10
-            assert row["steering_rate"] <= 0.4 + 1e-9
-            assert row["acceleration"] <= 11.5 + 1e-9
+            assert row["late"] <= 0.10 and row["steering_rate"] <= 0.4 + 1e-9 and row["acceleration"] <= 11.5 + 1e-9
     for path in ("circle", "lemniscate", "spline"):
         rows = {row["law"]: row for row in found["robot"] if row["path"] == path}
         before, after = rows["paper's gains"], rows["tuned gains"]
