@@ -57,11 +57,12 @@ def gathered_keywords(**homes: type) -> Callable[[T], T]:
 
     def decorate(cls: T) -> T:
         present_init, defaults = vars(cls)["__init__"], vars(cls)
+        present = {f.name for f in dataclasses.fields(cls)}
 
         @functools.wraps(present_init)
         def init(self: object, *values: object, **keywords: Any) -> None:
             for home, kind in homes.items():
-                earlier = {f.name for f in dataclasses.fields(kind)} & keywords.keys() - {home}
+                earlier = {f.name for f in dataclasses.fields(kind)} & keywords.keys() - present
                 if earlier:
                     warned(f"{', '.join(sorted(earlier))}: now in {home}={kind.__name__}(...)")
                     moved = {name: keywords.pop(name) for name in earlier}
