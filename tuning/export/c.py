@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 
 from agvjax import Fault, InputError
 
-from . import program
+from . import guard, program
 from .artefact import Artefact, filled
 from .expressions import FUNCTIONS, Language, expression, text
 from .program import Field, Program
@@ -27,7 +27,10 @@ RESERVED = frozenset(
 )
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
-LIMITED = "    int limited; /* whether the law kept something back */"
+FLAGS = (
+    "    int limited; /* whether the law kept something back */",
+    "    int status; /* one of the words of the status above: look at it every period */",
+)
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
@@ -55,6 +58,9 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "ROWS": str(len(rows)),
         "FIRST": inputs[0],
         "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "STATUS": "\n".join(
+            f"#define {name.upper()}_{w} {i} /* {t} */" for i, (w, t) in enumerate(guard.STATUS.items())
+        ),
         "STRUCTS": _structs(artefact, step, name),
         "FUNCTIONS": ", ".join(sorted(functions)),
         "GAINS": "\n".join(gains),
@@ -96,7 +102,7 @@ def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Seq
         shape = "".join(f"[{n}]" for n in field.shape)
         note = notes.get(field.name, "")
         lines.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
-    lines += more or ([] if lines else [f"    {real} {EMPTY};"])
+    lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
     return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
 
 
@@ -112,7 +118,7 @@ def _structs(artefact: Artefact, step: Program, name: str) -> str:
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
-        _struct(f"{name}_output", step.results["inputs"], {}, [LIMITED]),
+        _struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
     ]
     return "\n\n".join(structs)
 
@@ -143,6 +149,10 @@ def _body(program: Program, name: str) -> str:
         for field in (program.results | empty).get(group, ())
         for place, value in field.elements
     ]
+    if status := program.results.get("status"):
+        not_finite, started = (text(field.variables[0], language) for field in status)
+        words = [f"{name.upper()}_{word}" for word in guard.STATUS]
+        results.append(f"output->status = {not_finite} ? {words[1]} : {started} ? {words[2]} : {words[0]};")
     return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
 
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 import shutil
 import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -205,6 +206,87 @@ def test_c_needs_math_alone(limited):
     assert "malloc" not in text and "static" not in text
 
 
+BROKEN = r"""
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "law.h"
+/* each number of measurement and reference in turn is NaN, then either infinity, then too large; 0 if all is well */
+int main(void) {
+    const law_real wrong[4] = {NAN, INFINITY, -INFINITY, sizeof(law_real) == 4 ? (law_real)3e38 : (law_real)1.7e308};
+    law_state state, before;
+    law_measurement seen, bad;
+    law_reference asked, other;
+    law_output output;
+    int k, i, of_measurement = sizeof seen / sizeof(law_real), all = of_measurement + sizeof asked / sizeof(law_real);
+    memset(&seen, 0, sizeof seen);
+    memset(&asked, 0, sizeof asked);
+    asked.velocity[0] = (law_real)0.5;
+    asked.position[1] = (law_real)0.2;
+    law_start(&law_tuned, &state, &seen, &asked);
+    for (k = 0; k < 4 * all; k++) {
+        i = k % all;
+        bad = seen;
+        other = asked;
+        if (i < of_measurement) ((law_real *)(void *)&bad)[i] = wrong[k / all];
+        else ((law_real *)(void *)&other)[i - of_measurement] = wrong[k / all];
+        before = state;
+        law_step(&law_tuned, &state, &bad, &other, &output);
+        if (k < 3 * all && output.status != LAW_NOT_FINITE) return 1;
+        if (output.status == LAW_NOT_FINITE) {
+            if (memcmp(&before, &state, sizeof state) != 0) return 2;
+            if (output.acceleration != 0 || output.yaw_acceleration != 0 || output.limited) return 3;
+        } else if (!isfinite(output.acceleration) || !isfinite(output.yaw_acceleration)) return 4;
+        else state = before; /* too large, and still a number: not what is asked here */
+        law_step(&law_tuned, &state, &seen, &asked, &output);
+        if (output.status != LAW_OK || !isfinite(output.acceleration)) return 5;
+        if (k < 3 * all) {
+            law_start(&law_tuned, &before, &bad, &other);
+            law_step(&law_tuned, &before, &seen, &asked, &output);
+            if (output.status == LAW_NOT_FINITE || !isfinite(output.acceleration)) return 6;
+        }
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["limited", "stateless", "osfc"])
+@pytest.mark.parametrize("precision", [[], ["-DLAW_FLOAT"]], ids=["double", "float"])
+def test_no_number_that_is_not_finite_enters_the_state_in_c(name, precision, exported, tmp_path):
+    write_c(exported(name), tmp_path)
+    (tmp_path / "broken.c").write_text(BROKEN)
+    program = gcc(tmp_path, *precision, "broken.c")
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+@needs_gcc
+@pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_a_compiler_that_takes_every_number_to_be_finite_is_refused(option, limited, tmp_path):
+    write_c(limited, tmp_path)
+    command = ["gcc", "-std=c99", option, "-c", "law.c"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "#error" in done.stderr and option in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+def test_a_program_in_cpp_links_with_the_controller_in_c(limited, tmp_path):
+    write_c(limited, tmp_path)
+    (tmp_path / "use.cpp").write_text(
+        '#include "law.h"\nint main() { law_state s; law_measurement m{}; law_reference r{}; law_output o;\n'
+        "law_start(&law_tuned, &s, &m, &r); law_step(&law_tuned, &s, &m, &r, &o);\n"
+        "return o.status == LAW_OK && !law_configuration[64] ? 0 : 1; }\n"
+    )
+    for command in (
+        ["gcc", *FLAGS, "-c", "law.c"],
+        ["g++", "-Wall", "-Wextra", "-Werror", "use.cpp", "law.o", "-o", "use"],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert subprocess.run([tmp_path / "use"], check=False).returncode == 0
+
+
 # ---- a whole drive in closed loop
 
 
@@ -271,7 +353,7 @@ def test_c_drives_as_the_simulator_does(limited, tmp_path):
     state, begun = np.zeros(64), []
 
     class Output(ctypes.Structure):
-        _fields_ = [("inputs", ctypes.c_double * 2), ("limited", ctypes.c_int)]
+        _fields_ = [("inputs", ctypes.c_double * 2), ("limited", ctypes.c_int), ("status", ctypes.c_int)]
 
     output = Output()
 
@@ -329,6 +411,34 @@ def test_on_the_path_the_law_asks_for_the_acceleration_of_the_path_turned_into_t
     assert np.allclose(list(inputs.values()), 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
+    for group, name in [(g, n) for g, table in enumerate((SEEN, ASKED)) for n in table]:
+        now, controller = [SEEN, ASKED | {"position": [0.1, 0.2]}], numpy_controller(limited)
+        wanted = [controller.step(*now), controller.step(*now)][1]
+        assert controller.status == "OK"
+        again = numpy_controller(limited)
+        again.step(*now)
+        bad = [dict(table) for table in now]
+        bad[group][name] = np.full(np.shape(bad[group][name]), wrong)
+        before = again.state
+        assert set(again.step(*bad).values()) == {0.0} and again.status == "NOT_FINITE" and not again.limited
+        assert before == again.state
+        assert again.step(*now) == wanted and again.status == "OK"
+        late = numpy_controller(limited)
+        late.step(*bad)  # the first of all
+        assert late.step(*now) == numpy_controller(limited).step(*now) and late.status == "STARTED"
+
+
+def test_the_numpy_file_tests_itself_when_it_is_run(limited, tmp_path):
+    text = numpy_file.files(limited)["agv_controller.py"]
+    for old, new, status in (("", "", 0), ("'inner.k1': 3.0", "'inner.k1': 3.0001", 1)):
+        assert old in text
+        (tmp_path / "law.py").write_text(text.replace(old, new))
+        done = subprocess.run([sys.executable, tmp_path / "law.py"], capture_output=True, text=True, check=False)
+        assert done.returncode == status and "16 steps" in done.stdout, done.stderr
+
+
 # ---- StableHLO
 
 
@@ -342,8 +452,17 @@ def test_stablehlo_comes_back_and_agrees(limited):
     leaves = jax.tree.leaves((law, *inputs))
     assert [list(np.shape(x)) for x in leaves] == [entry["shape"] for entry in signature["arguments"]]
     got = np.concatenate([np.ravel(np.asarray(x, float)) for x in again.call(*leaves)])
-    wanted = row(law, *inputs)[-got.size :]
-    assert np.allclose(got, wanted, rtol=1e-12, atol=1e-12)
+    assert [entry["group"] for entry in signature["results"]][-5:] == ["inputs"] * 2 + ["limited"] + ["status"] * 2
+    wanted = row(law, *inputs)[-got.size + 2 :]
+    assert np.allclose(got[:-2], wanted, rtol=1e-12, atol=1e-12)
+    assert not np.any(got[-2:])  # neither not finite nor started anew
+    bad = [leaf if i != len(leaves) - 1 else leaf * jnp.nan for i, leaf in enumerate(leaves)]
+    kept = [np.ravel(np.asarray(x, float)) for x in again.call(*bad)]
+    sizes = [entry["group"] for entry in signature["results"]]
+    before = [leaf for leaf, entry in zip(leaves, signature["arguments"], strict=True) if entry["group"] == "state"]
+    assert all(np.array_equal(np.ravel(a), b) for a, b in zip(before, kept, strict=False))
+    assert not np.any(np.concatenate([x for x, group in zip(kept, sizes, strict=True) if group == "inputs"]))
+    assert kept[-2] == 1 and kept[-1] == 0
 
 
 # ---- what every artefact carries, and what cannot be exported
