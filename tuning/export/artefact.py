@@ -8,17 +8,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
 import agvjax
 from agvjax import Fault, InputError, Sampled
 from agvjax.leaves import leaves, rule_of, unit_of
+from agvjax.paths.heading import reference
 
 from .. import config as configuration
 from ..config.settings import Config
 from ..io.files import Json, finite
 
+INSTANTS = 1001  # of the path, at which its speed is looked at
 UNSTATED = "not stated: no config.toml beside the gains"
 
 
@@ -69,10 +73,23 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
         "law": [type(controller).__name__, type(controller.inner).__name__],
         "vehicle": type(controller.vehicle).__name__,
         "period": {"value": float(controller.period), "unit": "s"},
+        "speed": {"value": _speed(config) if known else None, "unit": "m/s"},
         "gains": {name: _gain(controller, name, value) for name, value in leaves(controller).items()},
         "inputs": {name: controller.vehicle.units.get(name, "") for name in controller.vehicle.actuators},
         "uncertainty": _uncertainty(config) if known else UNSTATED,
     }
+
+
+def _speed(config: Config) -> float | None:
+    """The one speed [m/s] that most of the path tuned on is driven at, to three digits; None of one that has none."""
+    scene = config.scenario
+    times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
+    velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
+    speeds = np.linalg.norm(velocities, axis=-1)
+    moving = speeds[speeds > 0.01 * speeds.max()]
+    usual = np.median(moving) if moving.size else 0.0
+    alike = np.abs(moving - usual) < 0.05 * usual
+    return float(f"{usual:.3g}") if alike.sum() > moving.size / 2 else None
 
 
 def _gain(controller: Sampled, name: str, value: PyTree) -> Json:

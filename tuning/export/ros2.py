@@ -20,6 +20,7 @@ from . import numpy as numpy_file
 from .artefact import Artefact, filled
 from .ros2_node.vehicles import VEHICLES
 
+PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase"}
 TEMPLATES = Path(__file__).with_name("ros2_node")
 PLAIN = ("reference.py", "odometry.py", "vehicles.py", "parameters.py", "following.py")  # the same for every law
 NAME = "agv_path_follower"
@@ -158,17 +159,18 @@ def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, 
 
 def _node(artefact: Artefact) -> dict[str, Json]:
     """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
-    law, car = artefact.controller, "steering_rate" in artefact.provenance["inputs"]
+    law, inputs = artefact.controller, tuple(artefact.provenance["inputs"])
+    car, tuned = "steering_rate" in inputs, artefact.provenance["speed"]["value"]
     slow, ramp, turn = 0.2, 0.3, 1.5  # m/s, on which the other speeds are measured; m/s^2; rad/s
     if car:
         vehicle = leaves(law.vehicle)
         slow = ramp = float(vehicle["slowest"])
         turn = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(law.vehicle.lever() or 0.0)
     rows = {  # default, unit, what must hold, text
-        "speed": (2 * slow, "m/s", "gt", "Speed along a path without stamps"),
+        "speed": (tuned or 2 * slow, "m/s", "gt", "Speed along a path without stamps"),
         "acceleration": (ramp, "m/s^2", "gt", "Peak acceleration of the ramps from rest and to rest"),
         "spacing": (slow / 2, "m", "gt_eq", "Poses nearer than this to the one before are left out"),
-        "max_speed": (6 * slow, "m/s", "gt", "Largest speed commanded"),
+        "max_speed": (max(6 * slow, 1.5 * (tuned or 0.0)), "m/s", "gt", "Largest speed commanded"),
         "max_reverse_speed": (slow / 2, "m/s", "gt_eq", "Largest speed backwards commanded, 0 for none"),
         "max_yaw_rate": (round(turn, 2), "rad/s", "gt", "Largest yaw rate commanded, and planned along bends"),
         "max_speed_lead": (1.5 * slow, "m/s", "gt", "How far a commanded speed may be from the measured one"),
@@ -183,13 +185,26 @@ def _node(artefact: Artefact) -> dict[str, Json]:
     }  # fmt: skip
     frame = "Frame of odometry and path; messages in another are refused"
     stamps = "Whether stamps of poses that increase say how fast the path is driven"
-    return {
-        "frame": _table("odom", frame, {"not_empty<>": []}, read_only=True),
-        "use_stamps": _table(True, stamps, {}, read_only=False),
-    } | {
-        name: _table(default, f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
-        for name, (default, unit, rule, text) in rows.items()
+    stamped = "Whether cmd_vel is a geometry_msgs/TwistStamped, not a geometry_msgs/Twist"
+    base = VEHICLES[inputs]({part: float(x) for part, x in leaves(law.vehicle).items() if np.ndim(x) == 0})
+    text = "The {} by which the robot's base turns cmd_vel into what it does [m]"
+    own = {
+        key: _table(float(base.of[part]), text.format(PARTS[part]), {"gt<>": [0.0]}, False)
+        for key, part in base.base.items()
     }
+    return (
+        own
+        | {
+            "frame": _table("odom", frame, {"not_empty<>": []}, read_only=True),
+            "use_stamps": _table(True, stamps, {}, read_only=False),
+            "stamped": _table(False, stamped, {}, read_only=True),
+            "base_frame": _table("base_link", "Frame that a stamped cmd_vel names", {}, read_only=True),
+        }
+        | {
+            name: _table(float(f"{default:.6g}"), f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
+            for name, (default, unit, rule, text) in rows.items()
+        }
+    )
 
 
 def _version(artefact: Artefact) -> str:
