@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +25,9 @@ from ..config.settings import Config
 from ..io.files import Json, finite
 
 INSTANTS = 1001  # of the path, at which its speed is looked at
+MET = "tuning met all its limits"
+CHANGED = "not known: the gains are others than those that worst.json beside them judges"
+UNJUDGED = "not known: no worst.json of `agvjax tune` beside the gains says whether tuning met its limits"
 UNSTATED = "not stated: no config.toml beside the gains"
 
 
@@ -62,7 +67,8 @@ def read(
     controller = agvjax.check(config.controller)
     known = bool(files) or whole
     stated = configuration.dump(config) if known else text
-    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known)))
+    verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
+    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known) | verdict))
 
 
 def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:
@@ -78,6 +84,22 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
         "inputs": {name: controller.vehicle.units.get(name, "") for name in controller.vehicle.actuators},
         "uncertainty": _uncertainty(config) if known else UNSTATED,
     }
+
+
+def _verdict(file: Path, controller: Sampled) -> str:
+    """What `agvjax tune` said of these gains, in the file beside them."""
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        failure, judged = str(table["verdict"]), dict(table["gains"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return UNJUDGED
+    gains = {name: np.asarray(value, float) for name, value in leaves(controller).items()}
+    if judged.keys() != gains.keys():
+        return CHANGED
+    for name, value in gains.items():
+        if np.shape(judged[name]) != value.shape or not np.allclose(np.asarray(judged[name], float), value, 1e-6, 0.0):
+            return CHANGED
+    return failure or MET
 
 
 def _speed(config: Config) -> float | None:
@@ -106,8 +128,6 @@ def _uncertainty(config: Config) -> Json:
 
 
 def filled(template: Path, parts: dict[str, str]) -> str:
-    """The text of a template with each @KEY@ replaced by the part of that key."""
+    """The text of a template with each @KEY@ replaced by the part of that key; what a part says stays as it is."""
     text = template.read_text(encoding="utf-8")
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    return re.sub(r"@([A-Z_]+)@", lambda match: parts.get(match[1], match[0]), text)

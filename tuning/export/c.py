@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import PyTree
 
-from agvjax import Fault, InputError
+from agvjax import InputError
 
-from . import guard, program
+from . import guard, names, program
 from .artefact import Artefact, filled
 from .expressions import FUNCTIONS, Language, expression, text
 from .program import Field, Program
@@ -20,11 +20,6 @@ from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
-RESERVED = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long main"
-    " register restrict return short signed sizeof static struct switch typedef union unsigned void volatile"
-    " while".split()
-)
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
 FLAGS = (
@@ -39,10 +34,12 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     Raises:
         agvjax.InputError: the name is none of a C library.
     """
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in RESERVED | {"vectors"}:
-        rule = "lower-case letters, digits and underscores, a letter first, no word of C, not vectors"
-        raise InputError([Fault("--name", name, rule)])
+    if wrong := names.faults(name):
+        raise InputError(wrong)
     step, start = program.step(artefact.controller), program.start(artefact.controller)
+    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
+        flags = ["limited", "status"] if group == "output" else []
+        names.check_members(group, [field.member for field in fields] + flags)
     header, rows = table(artefact.controller, step)
     period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
@@ -67,7 +64,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "HASH": facts["configuration_sha256"],
         "START": _body(start, name),
         "STEP": _body(step, name),
-        "PROVENANCE": json.dumps(facts, indent=2).replace("*/", "* /"),
+        "PROVENANCE": _commented(json.dumps(facts, indent=2)),
     }
     texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
     texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
@@ -75,6 +72,11 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
+
+
+def _commented(text: str) -> str:
+    """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
+    return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
 
 def _language(name: str) -> Language:

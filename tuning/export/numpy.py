@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pprint
 from pathlib import Path
 
@@ -71,7 +72,7 @@ def _unpacked(program: Program) -> list[str]:
     """Lines that take the arguments apart into numbers, then one for each operation."""
     read = program.read
     numbers = [
-        f'{variable} = np.float64({group}["{field.name}"]{place})'
+        f"{variable} = np.float64({group}[{json.dumps(field.name)}]{place})"
         for group, fields in program.arguments.items()
         for field in fields
         for place, variable in field.elements
@@ -85,7 +86,7 @@ def _packed(fields: tuple[Field, ...]) -> str:
     if not fields:
         return "{}"
     texts = {f.name: np.array([text(v, PYTHON) for v in f.variables], object).reshape(f.shape) for f in fields}
-    items = ",\n        ".join(f'"{name}": {_nested(values.tolist())}' for name, values in texts.items())
+    items = ",\n        ".join(f"{json.dumps(name)}: {_nested(values.tolist())}" for name, values in texts.items())
     return f"{{\n        {items},\n    }}"
 
 

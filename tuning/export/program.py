@@ -102,7 +102,9 @@ def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
         if name not in GATHERED | INLINED and any(v.aval.shape for v in atoms):
             raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
     fields = {group: _fields(group, tree) for group, tree in zip(arguments, trees, strict=True)}
-    names = [name for group in fields.values() for field in group for name in field.variables]
+    names = [str(name) for group in fields.values() for field in group for name in field.variables]
+    if odd := [name for name in names if not name.isidentifier() or names.count(name) > 1]:
+        raise ValueError(f"the law calls a number {odd[0][2:42]!r}, which is no name, or that of two")
     values: dict[PyTree, Operand] = dict(zip(closed.jaxpr.invars, names, strict=True))
     values |= zip(closed.jaxpr.constvars, map(_constant, closed.consts), strict=True)
     writer = _Writer()

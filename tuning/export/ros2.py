@@ -16,6 +16,7 @@ from agvjax import leaves
 from agvjax.leaves import metadata_of
 
 from ..io.files import Json
+from . import names
 from . import numpy as numpy_file
 from .artefact import Artefact, filled
 from .ros2_node.vehicles import VEHICLES
@@ -43,6 +44,14 @@ steering angle; no Ackermann message is published, and what converts the Twist b
 Odometry does not tell the steering angle: the law is given the commanded one, at the start the one that rolls without
 slip.""",
 }
+
+
+BASE = """
+The base turns `cmd_vel` into its own actuators by numbers of its own: {}. By default they are those of
+`controller.vehicle`, by which the law's commands become a velocity. Set them to what the base is configured with where
+that is another: a skid-steered base whose identified track is wider than the one in its driver turns too little
+otherwise, by their ratio. The limits of the node are of the vehicle's own motion, what `cmd_vel` says may be more.
+"""
 
 
 class Dumper(yaml.SafeDumper):
@@ -73,6 +82,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "PERIOD": f"{float(artefact.controller.period):g}",
         "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
+        "BASE": BASE.format(", ".join(f"`{key}`" for key in VEHICLES[inputs].base)) if VEHICLES[inputs].base else "",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
     }
@@ -103,10 +113,7 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
 
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
     """The inputs of the vehicle, if a velocity can be made of them; `InputError` otherwise, or for a bad name."""
-    faults, inputs = [], tuple(artefact.provenance["inputs"])
-    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
-        rule = "lower-case letters, digits and single underscores, a letter first: the name of a ROS 2 package"
-        faults.append(agvjax.Fault("--name", name, rule))
+    faults, inputs = names.faults(name), tuple(artefact.provenance["inputs"])
     kind = type(artefact.controller.vehicle).__name__
     if inputs not in VEHICLES:
         rule = f"with inputs a velocity can be made of: {'; '.join(map(', '.join, VEHICLES))}"

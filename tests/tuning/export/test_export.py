@@ -20,7 +20,8 @@ from agvjax.paths.heading import reference
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.write import gains_table
-from tuning.export import artefact, c, program, stablehlo
+from tuning.export import artefact, c, program, ros2, stablehlo
+from tuning.export import names as export_names
 from tuning.export import numpy as numpy_file
 from tuning.export.vectors import row
 
@@ -540,6 +541,122 @@ def test_a_name_leads_nowhere_outside_the_folder(form, tmp_path, capsys):
     assert main([*command, "--name", "../outside"]) == 2
     assert "--name" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["gains.toml"]
+
+
+@pytest.mark.parametrize("name", ["@STEP@", "@START@", "@NAME@", "/*", "*/", "??/", "a\\"])
+@needs_gcc
+def test_names_of_elements_and_files_that_look_like_code_come_through(name, tmp_path):
+    """Of a file of gains and an element of an actuator: they stand in the provenance, and nothing is made of them."""
+    told = artefact.read(str(written(tmp_path, LIMITED))).provenance
+    told = told | {"source": f"{name}.toml", "uncertainty": {"nominal": {"actuators": {name: {"delay": {}}}}}}
+    exported_law = artefact.Artefact(LIMITED, told)
+    space = {"__name__": "law"}
+    exec(numpy_file.files(exported_law)["agv_controller.py"], space)
+    assert space["PROVENANCE"]["source"] == f"{name}.toml"
+    write_c(exported_law, tmp_path)
+    gcc(tmp_path, "main.c")
+
+
+def written(folder, controller):
+    """A file of the gains of a controller."""
+    (folder / "gains.toml").write_text(gains_table(controller))
+    return folder / "gains.toml"
+
+
+@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+def test_every_form_says_all_it_writes(form, tmp_path, capsys):
+    command = ["export", str(written(tmp_path, LIMITED)), "--format", form, "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    files = sorted(str(f.relative_to(tmp_path / "out")) for f in (tmp_path / "out").rglob("*") if f.is_file())
+    said = capsys.readouterr().out.strip().splitlines()[-1]
+    assert said.startswith(f"{len(files)} files") and said.split(": ", 1)[1].split(", ") == files
+
+
+NAMES = "nav_msgs geometry_msgs std_srvs rcl_interfaces builtin_interfaces launch launch_ros ament_index_python yaml"
+NAMES += " rclpy numpy setuptools json types print list match class int new template constexpr namespace math stdio"
+NAMES += " main vectors config resource self__x up/down @STEP@ /* Über x"
+
+
+@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("name", [*NAMES.split(), "a" * 64, "a" * 300, "", "9lives", "_x", "two words", "a\nb"])
+def test_a_name_that_shadows_or_is_none_is_refused_before_anything_is_written(form, name, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["export", str(tmp_path / "none.toml"), "--format", form, "--out", str(out), f"--name={name}"]
+    assert main(command) == 2
+    message = capsys.readouterr().err
+    assert "--name" in message and len(message) < 300 and not out.exists()
+
+
+def test_what_the_files_of_an_export_import_is_refused_as_their_name(limited):
+    """Taken from the text that is written, not from the list of what is refused."""
+    files = ros2.files(limited) | numpy_file.files(limited)
+    names = set()
+    for name, text in files.items():
+        for node in ast.walk(ast.parse(text)) if name.endswith(".py") else ():
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                names.add((node.module or "").split(".")[0])
+            elif isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+    assert {"rclpy", "geometry_msgs", "launch_ros", "yaml", "numpy"} < names
+    assert all(name.startswith("_") or export_names.faults(name) for name in names)
+    assert not export_names.faults("a" * 63) and not export_names.faults("agv_controller")
+
+
+@pytest.mark.parametrize("member", ["int", "new", "class", "status", "limited", "a b", "1a", "a" * 64])
+def test_an_actuator_whose_name_c_cannot_have_is_refused(member):
+    """Beside `limited` and `status`, which the structure of the outputs has already."""
+    with pytest.raises(ValueError, match=f"{member[:20]}"):
+        export_names.check_members("output", [member, "limited", "status"])
+    export_names.check_members("output", ["torque_left", "limited", "status"])
+
+
+@needs_gcc
+@pytest.mark.parametrize("zeta", [3.0, 50.0])
+@pytest.mark.parametrize("precision", [[], ["-DLAW_FLOAT"]], ids=["double", "float"])
+def test_a_filter_that_is_damped_well_passes_its_own_test(zeta, precision, tmp_path):
+    inner = agvjax.NeuroBackstepping(zeta=zeta, omega_n=90.0)
+    law = artefact.read(str(written(tmp_path, agvjax.Sampled(inner=inner, vehicle=agvjax.Unicycle()))))
+    write_c(law, tmp_path)
+    done = subprocess.run([gcc(tmp_path, *precision, "main.c")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    space = {"__name__": "law"}
+    exec(numpy_file.files(law)["agv_controller.py"], space)
+    assert space["self_test"]() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("verdict", "k1", "word"),
+    [
+        ("", 3.0, "met all its limits"),
+        ("limits not met: effort 2.1 of 2.0.", 3.0, "effort 2.1"),
+        ("", 3.1, "others than those"),
+        (None, 3.0, "no worst.json"),
+    ],
+)
+def test_the_provenance_says_whether_tuning_met_its_limits(verdict, k1, word, tmp_path, capsys):
+    file = written(tmp_path, LIMITED)
+    if verdict is not None:
+        gains = {name: np.asarray(x, float).tolist() for name, x in agvjax.leaves(LIMITED).items()}
+        (tmp_path / "worst.json").write_text(json.dumps({"verdict": verdict, "gains": gains | {"inner.k1": k1}}))
+    assert main(["export", str(file), "--format", "c", "--out", str(tmp_path / "out")]) == 0
+    assert word in json.loads((tmp_path / "out/provenance.json").read_text())["verdict"]
+    assert ("verdict" in capsys.readouterr().out) == (word in ("effort 2.1", "others than those"))
+
+
+@pytest.mark.parametrize(
+    ("path", "speed", "most"),
+    [
+        ({"type": "circle", "radius": 4.0, "omega": 0.25}, 1.0, 1.5),  # 4 m * 0.25 rad/s; half as much again
+        ({"type": "circle", "radius": 1.0, "omega": 0.3}, 0.3, 1.2),
+        ({"type": "lemniscate"}, 0.4, 1.2),  # faster here and slower there: no one speed
+    ],
+)
+def test_the_node_drives_by_default_at_the_speed_tuned_at(path, speed, most, tmp_path):
+    config = configuration.load(["robot"], [f"scenario.path={json.dumps(path).replace(': ', ' = ')}"])
+    (tmp_path / "config.toml").write_text(configuration.dump(config))
+    values = ros2.parameters(artefact.read(str(written(tmp_path, config.controller))))
+    assert values["speed"]["default_value"] == pytest.approx(speed, rel=1e-9)
+    assert repr(values["max_speed"]["default_value"]) == repr(most)
 
 
 def own_law(command):
