@@ -22,6 +22,7 @@ TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
+OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
 FLAGS = (
     "    int limited; /* whether the law kept something back */",
     "    int status; /* one of the words of the status above: look at it every period */",
@@ -33,18 +34,16 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
 
     Raises:
         agvjax.InputError: the name is none of a C library.
+        ValueError: the law or the vehicle names a number as C cannot.
     """
     if wrong := names.faults(name):
         raise InputError(wrong)
     step, start = program.step(artefact.controller), program.start(artefact.controller)
     for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
-        flags = ["limited", "status"] if group == "output" else []
-        names.check_members(group, [field.member for field in fields] + flags)
+        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
     header, rows = table(artefact.controller, step)
     period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
-    used = {o.primitive for o in (*step.operations, *start.operations)}
-    functions = {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
     gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
@@ -55,11 +54,9 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "ROWS": str(len(rows)),
         "FIRST": inputs[0],
         "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
-        "STATUS": "\n".join(
-            f"#define {name.upper()}_{w} {i} /* {t} */" for i, (w, t) in enumerate(guard.STATUS.items())
-        ),
+        "STATUS": _status(name),
         "STRUCTS": _structs(artefact, step, name),
-        "FUNCTIONS": ", ".join(sorted(functions)),
+        "FUNCTIONS": ", ".join(sorted(_functions(step, start))),
         "GAINS": "\n".join(gains),
         "HASH": facts["configuration_sha256"],
         "START": _body(start, name),
@@ -72,6 +69,17 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
+
+
+def _functions(*programs: Program) -> set[str]:
+    """What they call of math.h."""
+    used = {operation.primitive for one in programs for operation in one.operations}
+    return {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
+
+
+def _status(name: str) -> str:
+    words = enumerate(guard.STATUS.items())
+    return "\n".join(f"#define {name.upper()}_{word} {i} /* {meaning} */" for i, (word, meaning) in words)
 
 
 def _commented(text: str) -> str:

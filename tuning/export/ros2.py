@@ -19,11 +19,24 @@ from ..io.files import Json
 from . import names
 from . import numpy as numpy_file
 from .artefact import Artefact, filled
-from .ros2_node.vehicles import VEHICLES
+from .ros2_node.vehicles import VEHICLES, Accelerations
 
+TEXTS = {
+    "frame": "Frame of odometry and path; messages in another are refused",
+    "use_stamps": "Whether stamps of poses that increase say how fast the path is driven",
+    "stamped": "Whether cmd_vel is a geometry_msgs/TwistStamped, not a geometry_msgs/Twist",
+    "base_frame": "Frame that a stamped cmd_vel names",
+}
 PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase"}
 TEMPLATES = Path(__file__).with_name("ros2_node")
-PLAIN = ("reference.py", "odometry.py", "vehicles.py", "parameters.py", "following.py")  # the same for every law
+PLAIN = (
+    "motion.py",
+    "reference.py",
+    "odometry.py",
+    "vehicles.py",
+    "parameters.py",
+    "following.py",
+)  # the same for every law
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
 INTEGRATED = """The law asks for {}, a robot takes velocities:
@@ -75,6 +88,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     """
     inputs, specification = _inputs(artefact, name), parameters(artefact)
     values = {key: table["default_value"] for key, table in specification.items()}
+    base = _kind(artefact).base
     origin = {key: fact for key, fact in artefact.provenance.items() if key != "gains"}
     substitutes = {
         "NAME": name,
@@ -82,7 +96,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "PERIOD": f"{float(artefact.controller.period):g}",
         "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
-        "BASE": BASE.format(", ".join(f"`{key}`" for key in VEHICLES[inputs].base)) if VEHICLES[inputs].base else "",
+        "BASE": BASE.format(", ".join(f"`{key}`" for key in base)) if base else "",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
     }
@@ -166,10 +180,9 @@ def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, 
 
 def _node(artefact: Artefact) -> dict[str, Json]:
     """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
-    law, inputs = artefact.controller, tuple(artefact.provenance["inputs"])
-    car, tuned = "steering_rate" in inputs, artefact.provenance["speed"]["value"]
+    law, tuned = artefact.controller, artefact.provenance["speed"]["value"]
     slow, ramp, turn = 0.2, 0.3, 1.5  # m/s, on which the other speeds are measured; m/s^2; rad/s
-    if car:
+    if "steering_rate" in artefact.provenance["inputs"]:
         vehicle = leaves(law.vehicle)
         slow = ramp = float(vehicle["slowest"])
         turn = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(law.vehicle.lever() or 0.0)
@@ -190,28 +203,33 @@ def _node(artefact: Artefact) -> dict[str, Json]:
             "Age of the newest odometry from which on the vehicle is stopped",
         ),
     }  # fmt: skip
-    frame = "Frame of odometry and path; messages in another are refused"
-    stamps = "Whether stamps of poses that increase say how fast the path is driven"
-    stamped = "Whether cmd_vel is a geometry_msgs/TwistStamped, not a geometry_msgs/Twist"
-    base = VEHICLES[inputs]({part: float(x) for part, x in leaves(law.vehicle).items() if np.ndim(x) == 0})
-    text = "The {} by which the robot's base turns cmd_vel into what it does [m]"
-    own = {
-        key: _table(float(base.of[part]), text.format(PARTS[part]), {"gt<>": [0.0]}, False)
-        for key, part in base.base.items()
-    }
     return (
-        own
+        _base(artefact)
         | {
-            "frame": _table("odom", frame, {"not_empty<>": []}, read_only=True),
-            "use_stamps": _table(True, stamps, {}, read_only=False),
-            "stamped": _table(False, stamped, {}, read_only=True),
-            "base_frame": _table("base_link", "Frame that a stamped cmd_vel names", {}, read_only=True),
+            "frame": _table("odom", TEXTS["frame"], {"not_empty<>": []}, read_only=True),
+            "use_stamps": _table(True, TEXTS["use_stamps"], {}, read_only=False),
+            "stamped": _table(False, TEXTS["stamped"], {}, read_only=True),
+            "base_frame": _table("base_link", TEXTS["base_frame"], {}, read_only=True),
         }
         | {
             name: _table(float(f"{default:.6g}"), f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
             for name, (default, unit, rule, text) in rows.items()
         }
     )
+
+
+def _base(artefact: Artefact) -> dict[str, Json]:
+    """Parameters that are numbers of the robot's own base; by default the vehicle's."""
+    numbers = leaves(artefact.controller.vehicle).items()
+    vehicle = _kind(artefact)({part: float(x) for part, x in numbers if np.ndim(x) == 0})
+    text = "The {} by which the robot's base turns cmd_vel into what it does [m]"
+    rows = {key: (float(vehicle.of[part]), text.format(PARTS[part])) for key, part in vehicle.base.items()}
+    return {key: _table(default, words, {"gt<>": [0.0]}, read_only=False) for key, (default, words) in rows.items()}
+
+
+def _kind(artefact: Artefact) -> type[Accelerations]:
+    kinds: dict[tuple[str, ...], type[Accelerations]] = {**VEHICLES}
+    return kinds[tuple(artefact.provenance["inputs"])]
 
 
 def _version(artefact: Artefact) -> str:
