@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import keyword
-import re
-import sys
 
 import jax
 
 from agvjax import Fault, InputError
 
 from ..compute import compiled
-from ..export import FORMATS, artefact
+from ..export import FORMATS, artefact, names
 from ..io import files
 from .console import Console
 from .folders import new_folder
 from .prepare import overrides
-
-TAKEN = sys.stdlib_module_names | {"numpy", "rclpy"}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -28,9 +23,8 @@ def run(arguments: argparse.Namespace) -> int:
         rule = "64, or left out: the C source is compiled for single precision by a macro, the others are in double"
         raise InputError([Fault("--precision", 32, rule)])
     name = arguments.name
-    if name is not None and (not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or name in TAKEN):
-        rule = "lower-case letters, digits and underscores, a letter first; no word and no known module of Python"
-        raise InputError([Fault("--name", name, rule)])
+    if name is not None and (wrong := names.faults(name)):
+        raise InputError(wrong)
     jax.config.update("jax_enable_x64", True)
     compiled.keep_compiled()
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
@@ -49,5 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     files.write_json(out / "provenance.json", found.provenance)
     if isinstance(found.provenance["uncertainty"], str):
         console.note(f"uncertainty {found.provenance['uncertainty']}")
-    console.say(f"{len(contents) + 1} files written to {out}: {', '.join(sorted(contents))}")
+    verdict = found.provenance["verdict"]
+    if verdict not in (artefact.MET, artefact.UNJUDGED):
+        console.note(f"verdict on these gains: {verdict}")
+    written = sorted([*contents, "provenance.json"])
+    console.say(f"{len(written)} files written to {out}: {', '.join(written)}")
     return 0

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
 import agvjax
 from agvjax import Fault, InputError, Sampled
 from agvjax.leaves import leaves, rule_of, unit_of
+from agvjax.paths.heading import reference
 
 from .. import config as configuration
 from ..config.settings import Config
 from ..io.files import Json, finite
 
+INSTANTS = 1001  # of the path, at which its speed is looked at
+MET = "tuning met all its limits"
+CHANGED = "not known: the gains are others than those that worst.json beside them judges"
+UNJUDGED = "not known: no worst.json of `agvjax tune` beside the gains says whether tuning met its limits"
 UNSTATED = "not stated: no config.toml beside the gains"
 
 
@@ -58,7 +67,8 @@ def read(
     controller = agvjax.check(config.controller)
     known = bool(files) or whole
     stated = configuration.dump(config) if known else text
-    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known)))
+    verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
+    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known) | verdict))
 
 
 def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:
@@ -69,10 +79,39 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
         "law": [type(controller).__name__, type(controller.inner).__name__],
         "vehicle": type(controller.vehicle).__name__,
         "period": {"value": float(controller.period), "unit": "s"},
+        "speed": {"value": _speed(config) if known else None, "unit": "m/s"},
         "gains": {name: _gain(controller, name, value) for name, value in leaves(controller).items()},
         "inputs": {name: controller.vehicle.units.get(name, "") for name in controller.vehicle.actuators},
         "uncertainty": _uncertainty(config) if known else UNSTATED,
     }
+
+
+def _verdict(file: Path, controller: Sampled) -> str:
+    """What `agvjax tune` said of these gains, in the file beside them."""
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        failure, judged = str(table["verdict"]), dict(table["gains"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return UNJUDGED
+    gains = {name: np.asarray(value, float) for name, value in leaves(controller).items()}
+    if judged.keys() != gains.keys():
+        return CHANGED
+    for name, value in gains.items():
+        if np.shape(judged[name]) != value.shape or not np.allclose(np.asarray(judged[name], float), value, 1e-6, 0.0):
+            return CHANGED
+    return failure or MET
+
+
+def _speed(config: Config) -> float | None:
+    """The one speed [m/s] that most of the path tuned on is driven at, to three digits; None of one that has none."""
+    scene = config.scenario
+    times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
+    velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
+    speeds = np.linalg.norm(velocities, axis=-1)
+    moving = speeds[speeds > 0.01 * speeds.max()]
+    usual = np.median(moving) if moving.size else 0.0
+    alike = np.abs(moving - usual) < 0.05 * usual
+    return float(f"{usual:.3g}") if alike.sum() > moving.size / 2 else None
 
 
 def _gain(controller: Sampled, name: str, value: PyTree) -> Json:
@@ -89,8 +128,6 @@ def _uncertainty(config: Config) -> Json:
 
 
 def filled(template: Path, parts: dict[str, str]) -> str:
-    """The text of a template with each @KEY@ replaced by the part of that key."""
+    """The text of a template with each @KEY@ replaced by the part of that key; what a part says stays as it is."""
     text = template.read_text(encoding="utf-8")
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    return re.sub(r"@([A-Z_]+)@", lambda match: parts.get(match[1], match[0]), text)

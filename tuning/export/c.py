@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import PyTree
 
-from agvjax import Fault, InputError
+from agvjax import InputError
 
-from . import program
+from . import guard, names, program
 from .artefact import Artefact, filled
 from .expressions import FUNCTIONS, Language, expression, text
 from .program import Field, Program
@@ -20,14 +20,13 @@ from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
-RESERVED = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long main"
-    " register restrict return short signed sizeof static struct switch typedef union unsigned void volatile"
-    " while".split()
-)
 GROUPS = ("gains", "state", "measurement", "reference")
 EMPTY = "unused"  # C99 has no structure without members
-LIMITED = "    int limited; /* whether the law kept something back */"
+OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
+FLAGS = (
+    "    int limited; /* whether the law kept something back */",
+    "    int status; /* one of the words of the status above: look at it every period */",
+)
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
@@ -35,16 +34,16 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
 
     Raises:
         agvjax.InputError: the name is none of a C library.
+        ValueError: the law or the vehicle names a number as C cannot.
     """
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in RESERVED | {"vectors"}:
-        rule = "lower-case letters, digits and underscores, a letter first, no word of C, not vectors"
-        raise InputError([Fault("--name", name, rule)])
+    if wrong := names.faults(name):
+        raise InputError(wrong)
     step, start = program.step(artefact.controller), program.start(artefact.controller)
+    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
+        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
     header, rows = table(artefact.controller, step)
     period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
-    used = {o.primitive for o in (*step.operations, *start.operations)}
-    functions = {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
     gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
@@ -55,13 +54,14 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "ROWS": str(len(rows)),
         "FIRST": inputs[0],
         "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "STATUS": _status(name),
         "STRUCTS": _structs(artefact, step, name),
-        "FUNCTIONS": ", ".join(sorted(functions)),
+        "FUNCTIONS": ", ".join(sorted(_functions(step, start))),
         "GAINS": "\n".join(gains),
         "HASH": facts["configuration_sha256"],
         "START": _body(start, name),
         "STEP": _body(step, name),
-        "PROVENANCE": json.dumps(facts, indent=2).replace("*/", "* /"),
+        "PROVENANCE": _commented(json.dumps(facts, indent=2)),
     }
     texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
     texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
@@ -69,6 +69,22 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "vectors.h": _vectors(step, rows),
         "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
     }
+
+
+def _functions(*programs: Program) -> set[str]:
+    """What they call of math.h."""
+    used = {operation.primitive for one in programs for operation in one.operations}
+    return {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
+
+
+def _status(name: str) -> str:
+    words = enumerate(guard.STATUS.items())
+    return "\n".join(f"#define {name.upper()}_{word} {i} /* {meaning} */" for i, (word, meaning) in words)
+
+
+def _commented(text: str) -> str:
+    """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
+    return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
 
 def _language(name: str) -> Language:
@@ -96,7 +112,7 @@ def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Seq
         shape = "".join(f"[{n}]" for n in field.shape)
         note = notes.get(field.name, "")
         lines.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
-    lines += more or ([] if lines else [f"    {real} {EMPTY};"])
+    lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
     return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
 
 
@@ -112,7 +128,7 @@ def _structs(artefact: Artefact, step: Program, name: str) -> str:
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
-        _struct(f"{name}_output", step.results["inputs"], {}, [LIMITED]),
+        _struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
     ]
     return "\n\n".join(structs)
 
@@ -143,6 +159,10 @@ def _body(program: Program, name: str) -> str:
         for field in (program.results | empty).get(group, ())
         for place, value in field.elements
     ]
+    if status := program.results.get("status"):
+        not_finite, started = (text(field.variables[0], language) for field in status)
+        words = [f"{name.upper()}_{word}" for word in guard.STATUS]
+        results.append(f"output->status = {not_finite} ? {words[1]} : {started} ? {words[2]} : {words[0]};")
     return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
 
 

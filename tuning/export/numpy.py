@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import pprint
 from pathlib import Path
 
 import numpy as np
 
 from ..io.files import finite
-from . import program
+from . import guard, program
 from .artefact import Artefact, filled
 from .expressions import Language, expression, text
 from .program import Field, Program
+from .vectors import table
 
 TEMPLATE = Path(__file__).with_name("controller.py.txt")
 NAME = "agv_controller"
+CHECKED = 16  # steps of its self-test
 ALIASES = {"fabs": "abs", "atan2": "arctan2", "pow": "power", "atan": "arctan", "asin": "arcsin", "acos": "arccos"}
 HALF_AWAY = "(lambda x: np.trunc(x + np.copysign(0.5, x)))"  # NumPy itself rounds halves to even
 PYTHON = Language(
@@ -34,6 +37,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     step, start = program.step(law), program.start(law)
     gains = {name: fact["value"] for name, fact in artefact.provenance["gains"].items()}
     interface = {group: step.arguments[group] for group in ("measurement", "reference")}
+    groups = {group: step.arguments[group] for group in ("state", "measurement", "reference")}
+    groups |= {"later": step.results["state"], "inputs": step.results["inputs"]}
+    checked = {group: {f.name: list(f.shape) for f in fields} for group, fields in groups.items()}
+    _, rows = table(law, step)
     parts = {
         "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}.",
         "GENERATOR": artefact.provenance["generator"],
@@ -41,6 +48,9 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "PERIOD": repr(float(law.period)),
         "INPUTS": repr(tuple(artefact.provenance["inputs"])).replace("'", '"'),
         "GAINS": _literal(gains),
+        "STATUS": "\n".join(f'{word} = "{word}"  # {meaning}' for word, meaning in guard.STATUS.items()),
+        "CHECKED": _literal(checked),
+        "ROWS": ",\n    ".join(map(repr, rows[:: len(rows) // CHECKED].tolist())),
         "PROVENANCE": _literal(artefact.provenance),
         "START": _start(start),
         "STEP": _step(step),
@@ -62,7 +72,7 @@ def _unpacked(program: Program) -> list[str]:
     """Lines that take the arguments apart into numbers, then one for each operation."""
     read = program.read
     numbers = [
-        f'{variable} = np.float64({group}["{field.name}"]{place})'
+        f"{variable} = np.float64({group}[{json.dumps(field.name)}]{place})"
         for group, fields in program.arguments.items()
         for field in fields
         for place, variable in field.elements
@@ -76,7 +86,7 @@ def _packed(fields: tuple[Field, ...]) -> str:
     if not fields:
         return "{}"
     texts = {f.name: np.array([text(v, PYTHON) for v in f.variables], object).reshape(f.shape) for f in fields}
-    items = ",\n        ".join(f'"{name}": {_nested(values.tolist())}' for name, values in texts.items())
+    items = ",\n        ".join(f"{json.dumps(name)}: {_nested(values.tolist())}" for name, values in texts.items())
     return f"{{\n        {items},\n    }}"
 
 
@@ -91,7 +101,10 @@ def _start(program: Program) -> str:
 
 def _step(program: Program) -> str:
     later, inputs = _packed(program.results["state"]), _packed(program.results["inputs"])
-    limited = text(program.results["limited"][0].variables[0], PYTHON)
+    flags = (field.variables[0] for group in ("limited", "status") for field in program.results[group])
+    limited, not_finite, started = (text(flag, PYTHON) for flag in flags)
     head = "def _step(gains, state, measurement, reference):"
-    tail = [f"later = {later}", f"inputs = {inputs}", f"return later, inputs, bool({limited})"]
+    status = f"NOT_FINITE if {not_finite} else STARTED if {started} else OK"
+    tail = [f"later = {later}", f"inputs = {inputs}", f"status = {status}"]
+    tail += [f"return later, inputs, bool({limited}), status"]
     return "\n    ".join([head, *_unpacked(program), *tail])

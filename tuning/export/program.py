@@ -17,6 +17,7 @@ from agvjax.engine.scalarise import scalarise, split_tree
 from agvjax.messages import Reference
 
 from ..io.files import Json
+from . import guard
 
 SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
 GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one
@@ -79,22 +80,17 @@ def examples(controller: Sampled) -> tuple[PyTree, Measurement, Reference]:
 
 
 def step(controller: Sampled) -> Program:
-    """One period: the state afterwards, the inputs of the actuators, whether anything was limited."""
-
-    def one(gains: PyTree, state: PyTree, measurement: Measurement, reference: Reference) -> PyTree:
-        computed = gains.step(state, measurement, reference)
-        return {"state": computed.law, "inputs": computed.command.inputs, "limited": {"limited": computed.limited}}
-
+    """One period: the state afterwards, the inputs of the actuators, whether anything was limited, the status."""
     state, measurement, reference = examples(controller)
     arguments = {"gains": controller, "state": state, "measurement": measurement, "reference": reference}
-    return _program(one, arguments)
+    return _program(guard.step, arguments)
 
 
 def start(controller: Sampled) -> Program:
     """The state of a law that starts now."""
     _, measurement, reference = examples(controller)
     arguments = {"gains": controller, "measurement": measurement, "reference": reference}
-    return _program(lambda gains, seen, path: {"state": gains.inner.init(seen, path)}, arguments)
+    return _program(lambda *now: {"state": guard.start(*now)}, arguments)
 
 
 def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
@@ -106,7 +102,9 @@ def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
         if name not in GATHERED | INLINED and any(v.aval.shape for v in atoms):
             raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
     fields = {group: _fields(group, tree) for group, tree in zip(arguments, trees, strict=True)}
-    names = [name for group in fields.values() for field in group for name in field.variables]
+    names = [str(name) for group in fields.values() for field in group for name in field.variables]
+    if odd := [name for name in names if not name.isidentifier() or names.count(name) > 1]:
+        raise ValueError(f"the law calls a number {odd[0][2:42]!r}, which is no name, or that of two")
     values: dict[PyTree, Operand] = dict(zip(closed.jaxpr.invars, names, strict=True))
     values |= zip(closed.jaxpr.constvars, map(_constant, closed.consts), strict=True)
     writer = _Writer()

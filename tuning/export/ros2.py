@@ -16,12 +16,27 @@ from agvjax import leaves
 from agvjax.leaves import metadata_of
 
 from ..io.files import Json
+from . import names
 from . import numpy as numpy_file
 from .artefact import Artefact, filled
-from .ros2_node.vehicles import VEHICLES
+from .ros2_node.vehicles import VEHICLES, Accelerations
 
+TEXTS = {
+    "frame": "Frame of odometry and path; messages in another are refused",
+    "use_stamps": "Whether stamps of poses that increase say how fast the path is driven",
+    "stamped": "Whether cmd_vel is a geometry_msgs/TwistStamped, not a geometry_msgs/Twist",
+    "base_frame": "Frame that a stamped cmd_vel names",
+}
+PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase"}
 TEMPLATES = Path(__file__).with_name("ros2_node")
-PLAIN = ("reference.py", "odometry.py", "vehicles.py", "parameters.py", "following.py")  # the same for every law
+PLAIN = (
+    "motion.py",
+    "reference.py",
+    "odometry.py",
+    "vehicles.py",
+    "parameters.py",
+    "following.py",
+)  # the same for every law
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
 INTEGRATED = """The law asks for {}, a robot takes velocities:
@@ -42,6 +57,14 @@ steering angle; no Ackermann message is published, and what converts the Twist b
 Odometry does not tell the steering angle: the law is given the commanded one, at the start the one that rolls without
 slip.""",
 }
+
+
+BASE = """
+The base turns `cmd_vel` into its own actuators by numbers of its own: {}. By default they are those of
+`controller.vehicle`, by which the law's commands become a velocity. Set them to what the base is configured with where
+that is another: a skid-steered base whose identified track is wider than the one in its driver turns too little
+otherwise, by their ratio. The limits of the node are of the vehicle's own motion, what `cmd_vel` says may be more.
+"""
 
 
 class Dumper(yaml.SafeDumper):
@@ -65,6 +88,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     """
     inputs, specification = _inputs(artefact, name), parameters(artefact)
     values = {key: table["default_value"] for key, table in specification.items()}
+    base = _kind(artefact).base
     origin = {key: fact for key, fact in artefact.provenance.items() if key != "gains"}
     substitutes = {
         "NAME": name,
@@ -72,6 +96,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "PERIOD": f"{float(artefact.controller.period):g}",
         "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
         "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
+        "BASE": BASE.format(", ".join(f"`{key}`" for key in base)) if base else "",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
     }
@@ -102,10 +127,7 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
 
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
     """The inputs of the vehicle, if a velocity can be made of them; `InputError` otherwise, or for a bad name."""
-    faults, inputs = [], tuple(artefact.provenance["inputs"])
-    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or len(name) < 2:
-        rule = "lower-case letters, digits and single underscores, a letter first: the name of a ROS 2 package"
-        faults.append(agvjax.Fault("--name", name, rule))
+    faults, inputs = names.faults(name), tuple(artefact.provenance["inputs"])
     kind = type(artefact.controller.vehicle).__name__
     if inputs not in VEHICLES:
         rule = f"with inputs a velocity can be made of: {'; '.join(map(', '.join, VEHICLES))}"
@@ -158,17 +180,17 @@ def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, 
 
 def _node(artefact: Artefact) -> dict[str, Json]:
     """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
-    law, car = artefact.controller, "steering_rate" in artefact.provenance["inputs"]
+    law, tuned = artefact.controller, artefact.provenance["speed"]["value"]
     slow, ramp, turn = 0.2, 0.3, 1.5  # m/s, on which the other speeds are measured; m/s^2; rad/s
-    if car:
+    if "steering_rate" in artefact.provenance["inputs"]:
         vehicle = leaves(law.vehicle)
         slow = ramp = float(vehicle["slowest"])
         turn = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(law.vehicle.lever() or 0.0)
     rows = {  # default, unit, what must hold, text
-        "speed": (2 * slow, "m/s", "gt", "Speed along a path without stamps"),
+        "speed": (tuned or 2 * slow, "m/s", "gt", "Speed along a path without stamps"),
         "acceleration": (ramp, "m/s^2", "gt", "Peak acceleration of the ramps from rest and to rest"),
         "spacing": (slow / 2, "m", "gt_eq", "Poses nearer than this to the one before are left out"),
-        "max_speed": (6 * slow, "m/s", "gt", "Largest speed commanded"),
+        "max_speed": (max(6 * slow, 1.5 * (tuned or 0.0)), "m/s", "gt", "Largest speed commanded"),
         "max_reverse_speed": (slow / 2, "m/s", "gt_eq", "Largest speed backwards commanded, 0 for none"),
         "max_yaw_rate": (round(turn, 2), "rad/s", "gt", "Largest yaw rate commanded, and planned along bends"),
         "max_speed_lead": (1.5 * slow, "m/s", "gt", "How far a commanded speed may be from the measured one"),
@@ -181,15 +203,33 @@ def _node(artefact: Artefact) -> dict[str, Json]:
             "Age of the newest odometry from which on the vehicle is stopped",
         ),
     }  # fmt: skip
-    frame = "Frame of odometry and path; messages in another are refused"
-    stamps = "Whether stamps of poses that increase say how fast the path is driven"
-    return {
-        "frame": _table("odom", frame, {"not_empty<>": []}, read_only=True),
-        "use_stamps": _table(True, stamps, {}, read_only=False),
-    } | {
-        name: _table(default, f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
-        for name, (default, unit, rule, text) in rows.items()
-    }
+    return (
+        _base(artefact)
+        | {
+            "frame": _table("odom", TEXTS["frame"], {"not_empty<>": []}, read_only=True),
+            "use_stamps": _table(True, TEXTS["use_stamps"], {}, read_only=False),
+            "stamped": _table(False, TEXTS["stamped"], {}, read_only=True),
+            "base_frame": _table("base_link", TEXTS["base_frame"], {}, read_only=True),
+        }
+        | {
+            name: _table(float(f"{default:.6g}"), f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
+            for name, (default, unit, rule, text) in rows.items()
+        }
+    )
+
+
+def _base(artefact: Artefact) -> dict[str, Json]:
+    """Parameters that are numbers of the robot's own base; by default the vehicle's."""
+    numbers = leaves(artefact.controller.vehicle).items()
+    vehicle = _kind(artefact)({part: float(x) for part, x in numbers if np.ndim(x) == 0})
+    text = "The {} by which the robot's base turns cmd_vel into what it does [m]"
+    rows = {key: (float(vehicle.of[part]), text.format(PARTS[part])) for key, part in vehicle.base.items()}
+    return {key: _table(default, words, {"gt<>": [0.0]}, read_only=False) for key, (default, words) in rows.items()}
+
+
+def _kind(artefact: Artefact) -> type[Accelerations]:
+    kinds: dict[tuple[str, ...], type[Accelerations]] = {**VEHICLES}
+    return kinds[tuple(artefact.provenance["inputs"])]
 
 
 def _version(artefact: Artefact) -> str:

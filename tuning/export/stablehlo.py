@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..io.files import Json
-from . import program
+from . import guard, program
 from .artefact import Artefact
 from .program import Field
 
 NAME = "agv_controller"
+RESULTS = ("state", "inputs", "limited", "status")  # groups, in this order
 PLATFORMS = ("cpu", "cuda")
 
 
@@ -23,8 +24,8 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
 
     def flat(*leaves: PyTree) -> PyTree:  # XLA's module has its name
         gains, *now = jax.tree.unflatten(treedef, leaves)
-        later = gains.step(*now)
-        return tuple(jax.tree.leaves((later.law, later.command.inputs, later.limited)))
+        computed = guard.step(gains, *now)
+        return tuple(x for group in RESULTS for x in jax.tree.leaves(computed[group]))
 
     leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
     shapes = [jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in leaves]
@@ -55,7 +56,8 @@ def signature(artefact: Artefact) -> Json:
     return {
         "dtype": "float64",
         "arguments": entries(step.arguments),
-        "results": entries(step.results),
+        "results": entries({group: step.results[group] for group in RESULTS}),
         "gains": {name: fact["value"] for name, fact in facts.items()},
+        "status": {"not_finite": guard.STATUS["NOT_FINITE"], "started": guard.STATUS["STARTED"]},
         "provenance": artefact.provenance,
     }

@@ -13,7 +13,7 @@ import agvjax
 from agvjax import Measurement, Reference, Sampled
 from agvjax.paths.heading import reference
 
-from . import program
+from . import guard, program
 from .program import Program
 
 DRIVEN, ANYWHERE = 32, 32  # rows
@@ -36,11 +36,11 @@ def table(controller: Sampled, step: Program) -> tuple[list[str], np.ndarray]:
 def row(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> np.ndarray:
     """State, measurement, reference, later state, inputs and whether limited of one step, as one flat array."""
     later = _step(controller, state, measurement, reference)
-    parts = (state, measurement, reference, later.law, later.command.inputs, later.limited)
+    parts = (state, measurement, reference, later["state"], later["inputs"], later["limited"])
     return np.concatenate([np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(parts)])
 
 
-_step = jax.jit(lambda controller, *now: controller.step(*now))
+_step = jax.jit(guard.step)
 
 
 def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
@@ -54,7 +54,7 @@ def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
         here = dataclasses.replace(seen, position=start + t * speed, velocity=speed, heading=heading)
         state = controller.inner.init(here, asked) if k == 0 else state
         steps.append((state, here, asked))
-        state = _step(controller, state, here, asked).law
+        state = _step(controller, state, here, asked)["state"]
     return steps
 
 

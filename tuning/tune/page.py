@@ -272,18 +272,20 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
         files.write_figure(out / f"{name}.png", figures.tracking_figure(before, after, title))
     files.write_figure(out / "history.png", figures.history_figure(tuner.gains.names, outcome.run))
     files.write_figure(out / "sensitivity.png", figures.sensitivity_figure(verdict.findings))
-    files.write_json(out / "worst.json", _worst(outcome))
+    files.write_json(out / "worst.json", _worst(outcome, verdict))
     text = markdown(outcome, verdict)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Tuned gains"))
     return brief(outcome, verdict)
 
 
-def _worst(outcome: Outcome) -> Mapping[str, object]:
-    """The worst scenario found for each metric, so that it can be looked at again."""
+def _worst(outcome: Outcome, verdict: TuneVerdict) -> Mapping[str, object]:
+    """The worst scenario found for each metric, so that it can be looked at again, and why the gains failed, if so."""
     rows = [
         {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
         | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
         for f in outcome.found
     ]
-    return {"found": rows, "rounds": [r._asdict() for r in outcome.rounds]}
+    gains = {name: np.asarray(value, float).tolist() for name, value in agvjax.leaves(outcome.controller).items()}
+    rounds = [r._asdict() for r in outcome.rounds]
+    return {"found": rows, "rounds": rounds, "verdict": verdict.failure, "gains": gains}

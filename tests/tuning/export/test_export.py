@@ -8,6 +8,7 @@ import hashlib
 import json
 import shutil
 import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,8 @@ from agvjax.paths.heading import reference
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.write import gains_table
-from tuning.export import artefact, c, program, stablehlo
+from tuning.export import artefact, c, program, ros2, stablehlo
+from tuning.export import names as export_names
 from tuning.export import numpy as numpy_file
 from tuning.export.vectors import row
 
@@ -205,6 +207,87 @@ def test_c_needs_math_alone(limited):
     assert "malloc" not in text and "static" not in text
 
 
+BROKEN = r"""
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "law.h"
+/* each number of measurement and reference in turn is NaN, then either infinity, then too large; 0 if all is well */
+int main(void) {
+    const law_real wrong[4] = {NAN, INFINITY, -INFINITY, sizeof(law_real) == 4 ? (law_real)3e38 : (law_real)1.7e308};
+    law_state state, before;
+    law_measurement seen, bad;
+    law_reference asked, other;
+    law_output output;
+    int k, i, of_measurement = sizeof seen / sizeof(law_real), all = of_measurement + sizeof asked / sizeof(law_real);
+    memset(&seen, 0, sizeof seen);
+    memset(&asked, 0, sizeof asked);
+    asked.velocity[0] = (law_real)0.5;
+    asked.position[1] = (law_real)0.2;
+    law_start(&law_tuned, &state, &seen, &asked);
+    for (k = 0; k < 4 * all; k++) {
+        i = k % all;
+        bad = seen;
+        other = asked;
+        if (i < of_measurement) ((law_real *)(void *)&bad)[i] = wrong[k / all];
+        else ((law_real *)(void *)&other)[i - of_measurement] = wrong[k / all];
+        before = state;
+        law_step(&law_tuned, &state, &bad, &other, &output);
+        if (k < 3 * all && output.status != LAW_NOT_FINITE) return 1;
+        if (output.status == LAW_NOT_FINITE) {
+            if (memcmp(&before, &state, sizeof state) != 0) return 2;
+            if (output.acceleration != 0 || output.yaw_acceleration != 0 || output.limited) return 3;
+        } else if (!isfinite(output.acceleration) || !isfinite(output.yaw_acceleration)) return 4;
+        else state = before; /* too large, and still a number: not what is asked here */
+        law_step(&law_tuned, &state, &seen, &asked, &output);
+        if (output.status != LAW_OK || !isfinite(output.acceleration)) return 5;
+        if (k < 3 * all) {
+            law_start(&law_tuned, &before, &bad, &other);
+            law_step(&law_tuned, &before, &seen, &asked, &output);
+            if (output.status == LAW_NOT_FINITE || !isfinite(output.acceleration)) return 6;
+        }
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["limited", "stateless", "osfc"])
+@pytest.mark.parametrize("precision", [[], ["-DLAW_FLOAT"]], ids=["double", "float"])
+def test_no_number_that_is_not_finite_enters_the_state_in_c(name, precision, exported, tmp_path):
+    write_c(exported(name), tmp_path)
+    (tmp_path / "broken.c").write_text(BROKEN)
+    program = gcc(tmp_path, *precision, "broken.c")
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+@needs_gcc
+@pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_a_compiler_that_takes_every_number_to_be_finite_is_refused(option, limited, tmp_path):
+    write_c(limited, tmp_path)
+    command = ["gcc", "-std=c99", option, "-c", "law.c"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "#error" in done.stderr and option in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+def test_a_program_in_cpp_links_with_the_controller_in_c(limited, tmp_path):
+    write_c(limited, tmp_path)
+    (tmp_path / "use.cpp").write_text(
+        '#include "law.h"\nint main() { law_state s; law_measurement m{}; law_reference r{}; law_output o;\n'
+        "law_start(&law_tuned, &s, &m, &r); law_step(&law_tuned, &s, &m, &r, &o);\n"
+        "return o.status == LAW_OK && !law_configuration[64] ? 0 : 1; }\n"
+    )
+    for command in (
+        ["gcc", *FLAGS, "-c", "law.c"],
+        ["g++", "-Wall", "-Wextra", "-Werror", "use.cpp", "law.o", "-o", "use"],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert subprocess.run([tmp_path / "use"], check=False).returncode == 0
+
+
 # ---- a whole drive in closed loop
 
 
@@ -271,7 +354,7 @@ def test_c_drives_as_the_simulator_does(limited, tmp_path):
     state, begun = np.zeros(64), []
 
     class Output(ctypes.Structure):
-        _fields_ = [("inputs", ctypes.c_double * 2), ("limited", ctypes.c_int)]
+        _fields_ = [("inputs", ctypes.c_double * 2), ("limited", ctypes.c_int), ("status", ctypes.c_int)]
 
     output = Output()
 
@@ -329,6 +412,34 @@ def test_on_the_path_the_law_asks_for_the_acceleration_of_the_path_turned_into_t
     assert np.allclose(list(inputs.values()), 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
+    for group, name in [(g, n) for g, table in enumerate((SEEN, ASKED)) for n in table]:
+        now, controller = [SEEN, ASKED | {"position": [0.1, 0.2]}], numpy_controller(limited)
+        wanted = [controller.step(*now), controller.step(*now)][1]
+        assert controller.status == "OK"
+        again = numpy_controller(limited)
+        again.step(*now)
+        bad = [dict(table) for table in now]
+        bad[group][name] = np.full(np.shape(bad[group][name]), wrong)
+        before = again.state
+        assert set(again.step(*bad).values()) == {0.0} and again.status == "NOT_FINITE" and not again.limited
+        assert before == again.state
+        assert again.step(*now) == wanted and again.status == "OK"
+        late = numpy_controller(limited)
+        late.step(*bad)  # the first of all
+        assert late.step(*now) == numpy_controller(limited).step(*now) and late.status == "STARTED"
+
+
+def test_the_numpy_file_tests_itself_when_it_is_run(limited, tmp_path):
+    text = numpy_file.files(limited)["agv_controller.py"]
+    for old, new, status in (("", "", 0), ("'inner.k1': 3.0", "'inner.k1': 3.0001", 1)):
+        assert old in text
+        (tmp_path / "law.py").write_text(text.replace(old, new))
+        done = subprocess.run([sys.executable, tmp_path / "law.py"], capture_output=True, text=True, check=False)
+        assert done.returncode == status and "16 steps" in done.stdout, done.stderr
+
+
 # ---- StableHLO
 
 
@@ -342,8 +453,17 @@ def test_stablehlo_comes_back_and_agrees(limited):
     leaves = jax.tree.leaves((law, *inputs))
     assert [list(np.shape(x)) for x in leaves] == [entry["shape"] for entry in signature["arguments"]]
     got = np.concatenate([np.ravel(np.asarray(x, float)) for x in again.call(*leaves)])
-    wanted = row(law, *inputs)[-got.size :]
-    assert np.allclose(got, wanted, rtol=1e-12, atol=1e-12)
+    assert [entry["group"] for entry in signature["results"]][-5:] == ["inputs"] * 2 + ["limited"] + ["status"] * 2
+    wanted = row(law, *inputs)[-got.size + 2 :]
+    assert np.allclose(got[:-2], wanted, rtol=1e-12, atol=1e-12)
+    assert not np.any(got[-2:])  # neither not finite nor started anew
+    bad = [leaf if i != len(leaves) - 1 else leaf * jnp.nan for i, leaf in enumerate(leaves)]
+    kept = [np.ravel(np.asarray(x, float)) for x in again.call(*bad)]
+    sizes = [entry["group"] for entry in signature["results"]]
+    before = [leaf for leaf, entry in zip(leaves, signature["arguments"], strict=True) if entry["group"] == "state"]
+    assert all(np.array_equal(np.ravel(a), b) for a, b in zip(before, kept, strict=False))
+    assert not np.any(np.concatenate([x for x, group in zip(kept, sizes, strict=True) if group == "inputs"]))
+    assert kept[-2] == 1 and kept[-1] == 0
 
 
 # ---- what every artefact carries, and what cannot be exported
@@ -421,6 +541,122 @@ def test_a_name_leads_nowhere_outside_the_folder(form, tmp_path, capsys):
     assert main([*command, "--name", "../outside"]) == 2
     assert "--name" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["gains.toml"]
+
+
+@pytest.mark.parametrize("name", ["@STEP@", "@START@", "@NAME@", "/*", "*/", "??/", "a\\"])
+@needs_gcc
+def test_names_of_elements_and_files_that_look_like_code_come_through(name, tmp_path):
+    """Of a file of gains and an element of an actuator: they stand in the provenance, and nothing is made of them."""
+    told = artefact.read(str(written(tmp_path, LIMITED))).provenance
+    told = told | {"source": f"{name}.toml", "uncertainty": {"nominal": {"actuators": {name: {"delay": {}}}}}}
+    exported_law = artefact.Artefact(LIMITED, told)
+    space = {"__name__": "law"}
+    exec(numpy_file.files(exported_law)["agv_controller.py"], space)
+    assert space["PROVENANCE"]["source"] == f"{name}.toml"
+    write_c(exported_law, tmp_path)
+    gcc(tmp_path, "main.c")
+
+
+def written(folder, controller):
+    """A file of the gains of a controller."""
+    (folder / "gains.toml").write_text(gains_table(controller))
+    return folder / "gains.toml"
+
+
+@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+def test_every_form_says_all_it_writes(form, tmp_path, capsys):
+    command = ["export", str(written(tmp_path, LIMITED)), "--format", form, "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    files = sorted(str(f.relative_to(tmp_path / "out")) for f in (tmp_path / "out").rglob("*") if f.is_file())
+    said = capsys.readouterr().out.strip().splitlines()[-1]
+    assert said.startswith(f"{len(files)} files") and said.split(": ", 1)[1].split(", ") == files
+
+
+NAMES = "nav_msgs geometry_msgs std_srvs rcl_interfaces builtin_interfaces launch launch_ros ament_index_python yaml"
+NAMES += " rclpy numpy setuptools json types print list match class int new template constexpr namespace math stdio"
+NAMES += " main vectors config resource self__x up/down @STEP@ /* Über x"
+
+
+@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("name", [*NAMES.split(), "a" * 64, "a" * 300, "", "9lives", "_x", "two words", "a\nb"])
+def test_a_name_that_shadows_or_is_none_is_refused_before_anything_is_written(form, name, tmp_path, capsys):
+    out = tmp_path / "out"
+    command = ["export", str(tmp_path / "none.toml"), "--format", form, "--out", str(out), f"--name={name}"]
+    assert main(command) == 2
+    message = capsys.readouterr().err
+    assert "--name" in message and len(message) < 300 and not out.exists()
+
+
+def test_what_the_files_of_an_export_import_is_refused_as_their_name(limited):
+    """Taken from the text that is written, not from the list of what is refused."""
+    files = ros2.files(limited) | numpy_file.files(limited)
+    names = set()
+    for name, text in files.items():
+        for node in ast.walk(ast.parse(text)) if name.endswith(".py") else ():
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                names.add((node.module or "").split(".")[0])
+            elif isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+    assert {"rclpy", "geometry_msgs", "launch_ros", "yaml", "numpy"} < names
+    assert all(name.startswith("_") or export_names.faults(name) for name in names)
+    assert not export_names.faults("a" * 63) and not export_names.faults("agv_controller")
+
+
+@pytest.mark.parametrize("member", ["int", "new", "class", "status", "limited", "a b", "1a", "a" * 64])
+def test_an_actuator_whose_name_c_cannot_have_is_refused(member):
+    """Beside `limited` and `status`, which the structure of the outputs has already."""
+    with pytest.raises(ValueError, match=f"{member[:20]}"):
+        export_names.check_members("output", [member, "limited", "status"])
+    export_names.check_members("output", ["torque_left", "limited", "status"])
+
+
+@needs_gcc
+@pytest.mark.parametrize("zeta", [3.0, 50.0])
+@pytest.mark.parametrize("precision", [[], ["-DLAW_FLOAT"]], ids=["double", "float"])
+def test_a_filter_that_is_damped_well_passes_its_own_test(zeta, precision, tmp_path):
+    inner = agvjax.NeuroBackstepping(zeta=zeta, omega_n=90.0)
+    law = artefact.read(str(written(tmp_path, agvjax.Sampled(inner=inner, vehicle=agvjax.Unicycle()))))
+    write_c(law, tmp_path)
+    done = subprocess.run([gcc(tmp_path, *precision, "main.c")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    space = {"__name__": "law"}
+    exec(numpy_file.files(law)["agv_controller.py"], space)
+    assert space["self_test"]() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("verdict", "k1", "word"),
+    [
+        ("", 3.0, "met all its limits"),
+        ("limits not met: effort 2.1 of 2.0.", 3.0, "effort 2.1"),
+        ("", 3.1, "others than those"),
+        (None, 3.0, "no worst.json"),
+    ],
+)
+def test_the_provenance_says_whether_tuning_met_its_limits(verdict, k1, word, tmp_path, capsys):
+    file = written(tmp_path, LIMITED)
+    if verdict is not None:
+        gains = {name: np.asarray(x, float).tolist() for name, x in agvjax.leaves(LIMITED).items()}
+        (tmp_path / "worst.json").write_text(json.dumps({"verdict": verdict, "gains": gains | {"inner.k1": k1}}))
+    assert main(["export", str(file), "--format", "c", "--out", str(tmp_path / "out")]) == 0
+    assert word in json.loads((tmp_path / "out/provenance.json").read_text())["verdict"]
+    assert ("verdict" in capsys.readouterr().out) == (word in ("effort 2.1", "others than those"))
+
+
+@pytest.mark.parametrize(
+    ("path", "speed", "most"),
+    [
+        ({"type": "circle", "radius": 4.0, "omega": 0.25}, 1.0, 1.5),  # 4 m * 0.25 rad/s; half as much again
+        ({"type": "circle", "radius": 1.0, "omega": 0.3}, 0.3, 1.2),
+        ({"type": "lemniscate"}, 0.4, 1.2),  # faster here and slower there: no one speed
+    ],
+)
+def test_the_node_drives_by_default_at_the_speed_tuned_at(path, speed, most, tmp_path):
+    config = configuration.load(["robot"], [f"scenario.path={json.dumps(path).replace(': ', ' = ')}"])
+    (tmp_path / "config.toml").write_text(configuration.dump(config))
+    values = ros2.parameters(artefact.read(str(written(tmp_path, config.controller))))
+    assert values["speed"]["default_value"] == pytest.approx(speed, rel=1e-9)
+    assert repr(values["max_speed"]["default_value"]) == repr(most)
 
 
 def own_law(command):

@@ -49,7 +49,7 @@ class Node:
 
     def __init__(self, name):
         self.name, self.held, self.descriptors, self.callbacks = name, {}, {}, []
-        self.topics, self.sent, self.period, self.said = {}, [], None, []
+        self.topics, self.sent, self.period, self.said, self.published = {}, [], None, [], None
 
     def add_on_set_parameters_callback(self, callback):
         self.callbacks.append(callback)
@@ -82,6 +82,7 @@ class Node:
         return Parameter(name, self.held[name])
 
     def create_publisher(self, kind, topic, qos):
+        self.published = kind
         return Space(publish=lambda message: self.sent.append((topic, message)))
 
     def create_subscription(self, kind, topic, callback, qos):
@@ -91,7 +92,7 @@ class Node:
         self.period = period
 
     def get_clock(self):
-        return Space(now=lambda: Space(nanoseconds=round(Node.now * 1e9)))
+        return Space(now=lambda: Space(nanoseconds=round(Node.now * 1e9), to_msg=lambda: stamp(Node.now)))
 
     def get_logger(self):
         def say(level):
@@ -106,6 +107,10 @@ def stamp(time):
 
 def twist():
     return Space(linear=Space(x=0.0), angular=Space(z=0.0))
+
+
+def twist_stamped():
+    return Space(header=Space(stamp=None, frame_id=""), twist=twist())
 
 
 def pose(x, y, heading=0.0, time=0.0, frame=""):
@@ -132,7 +137,7 @@ def ros(monkeypatch):
         "nav_msgs": {},
         "nav_msgs.msg": {"Odometry": Space, "Path": Space},
         "geometry_msgs": {},
-        "geometry_msgs.msg": {"Twist": twist},
+        "geometry_msgs.msg": {"Twist": twist, "TwistStamped": twist_stamped},
         "rcl_interfaces": {},
         "rcl_interfaces.msg": {"ParameterDescriptor": Space, "SetParametersResult": Space},
     }
@@ -215,6 +220,7 @@ class Robot:
             self.node.on_timer()
             topic, message = self.node.sent[-1]
             assert topic == "cmd_vel"
+            message = message.twist if self.node.published is twist_stamped else message
             command = np.array([message.linear.x, message.angular.z])
             for _ in range(3 * free):
                 h = self.node.period / 3
@@ -367,6 +373,188 @@ def test_a_path_that_replaces_another_is_joined_at_the_pace_that_is_driven(start
         robot.drive(0.5)
     speeds = robot.speeds[-150:]
     assert speeds.min() > 0.37 and speeds.max() < 0.43
+
+
+def pruned(points, times, place):
+    """What lies ahead of the pose that is nearest to the vehicle."""
+    first = min(int(np.argmin(np.linalg.norm(points - place, axis=1))), len(points) - 1)
+    return points[first:], None if times is None else times[first:]
+
+
+LINE = np.stack([np.linspace(0.0, 6.0, 61), np.zeros(61)], 1)
+QUARTERS = 0.25 * np.arange(61)  # s, 0.4 m/s along the line
+SENT_AGAIN = {  # of points and the time of a message: what is sent then
+    "the same": lambda points, place: (points, None),
+    "without what lies behind": lambda points, place: pruned(points, None, place),
+    "stamped by now": lambda points, place: (points, Node.now + QUARTERS),
+    "stamped, without what lies behind": lambda points, place: pruned(points, QUARTERS, place),
+    "from now on, without what lies behind": lambda points, place: pruned(points, Node.now + QUARTERS, place),
+    "a loop that stamps": lambda points, place: (points, Node.now + 2e-5 * np.arange(61)),
+}
+
+
+@pytest.mark.parametrize("sent", SENT_AGAIN)
+@pytest.mark.parametrize("every", [1, 2, 10])  # periods: 50, 25, 5 Hz
+def test_the_same_path_sent_again_changes_nothing(start, monkeypatch, sent, every):
+    drives = []
+    for again in (False, True):
+        monkeypatch.setattr(Node, "now", 100.0)
+        robot = Robot(start(), x=-0.15)
+        for k in range(900):
+            if k == 0 or (again and k % every == 0):
+                points, times = SENT_AGAIN[sent](LINE, robot.state[:2])
+                robot.take(path(points, times))
+            robot.drive(0.02)
+        infos = [text.split(",")[0] for text in said(robot.node, "info")]
+        assert infos == ["path begun", "path finished"] and said(robot.node, "error") == []
+        drives.append((np.array(robot.commands), robot.state))
+    np.testing.assert_array_equal(*(commands for commands, _ in drives))
+    assert abs(drives[0][1][0] + 0.15 - 6.0) < 0.02  # 6 m, of the point ahead of the axle
+
+
+@pytest.mark.parametrize("every", [1, 3, 10])
+@pytest.mark.parametrize("window", ["ahead", "from the vehicle"])
+def test_a_window_of_a_path_that_moves_with_the_vehicle_is_driven_as_the_whole(start, every, window):
+    """A local planner: 2 m of the path, their first pose on the path or where the vehicle is."""
+    robot, (points, fine) = Robot(start(), x=-0.15), wave()
+    points = points[::2]
+    for k in range(950):
+        if k % every == 0 and (k == 0 or robot.node.follower.reference is not None):
+            ahead = pruned(points, None, robot.points[-1] if robot.points else points[0])[0][:20]
+            robot.take(
+                path(ahead if window == "ahead" else np.concatenate([robot.points[-1:] or ahead[:1], ahead[1:]]))
+            )
+        robot.drive(0.02)
+    length = np.linalg.norm(np.diff(fine, axis=0), axis=1).sum()
+    assert said(robot.node, "error") == [] and np.linalg.norm(robot.points[-1] - points[-1]) < 0.03
+    moved = np.flatnonzero(robot.speeds > 0.0)[-1] * 0.02
+    # ramps of parabolas of 0.3 m/s^2 to 0.4 m/s take 2 s, each a half of the way that 0.4 m/s would take it
+    assert moved == pytest.approx(length / 0.4 + 2.0, abs=0.6)
+
+
+def test_other_timings_of_one_path_are_driven_from_where_the_vehicle_is(start):
+    robot = Robot(start(), x=-0.15)
+    for k in range(1200):
+        if k % 5 == 0 and (k == 0 or robot.node.follower.reference is not None):
+            robot.take(path(LINE, QUARTERS * (1.0 if k % 10 else 0.4 / 0.3)))  # 0.4 m/s and 0.3 m/s in turn
+        robot.drive(0.02)
+    assert said(robot.node, "error") == [] and abs(robot.points[-1][0] - 6.0) < 0.02
+    inner = robot.speeds[150:500]
+    assert inner.min() > 0.28 and inner.max() < 0.42
+    assert np.abs(np.diff(robot.speeds)).max() < 0.02
+
+
+def test_a_path_that_is_over_is_not_begun_by_being_sent_again(start):
+    robot = Robot(start(), straight(1.0, 11), x=-0.15)
+    node = robot.node
+    robot.drive(8.0)
+    assert "path finished" in said(node, "info")[-1]
+    for _ in range(20):
+        robot.take(straight(1.0, 11))
+        robot.drive(0.02)
+    assert np.all(robot.speeds[-20:] == 0.0) and len(said(node, "info")) == 2
+    (warning,) = [text for text in said(node, "warning") if "sent again" in text]
+    assert "an empty one" in warning
+    robot.state[:] = 0.0
+    robot.take(path([], frame=""))
+    robot.take(straight(1.0, 11))
+    robot.drive(2.0)
+    assert robot.speeds[-1] > 0.2 and "path begun" in said(node, "info")[-1]
+
+
+def test_a_path_that_was_lost_is_not_begun_by_being_sent_again(start):
+    robot = Robot(start(), straight())
+    robot.drive(2.0)
+    robot.state[1] = 2.0  # carried away
+    for _ in range(50):
+        robot.take(straight())
+        robot.drive(0.02)
+    assert np.all(robot.speeds[-49:] == 0.0)
+    assert ["max_error is 1" in text for text in said(robot.node, "error")] == [True]
+    robot.state[1] = 0.0
+    robot.take(straight())
+    robot.drive(1.0)
+    assert np.all(robot.speeds[-50:] == 0.0)
+    robot.take(path([], frame=""))
+    robot.take(straight())
+    robot.drive(2.0)
+    assert robot.speeds[-1] > 0.2
+
+
+@pytest.mark.parametrize(
+    "times, word",
+    [
+        (2e-5 * np.arange(61), "more than max_speed"),
+        (np.append(QUARTERS[:-1], QUARTERS[-2] + 0.01), "more than max_speed"),  # one segment alone, 10 m/s
+        (np.zeros(61), "all equal"),
+        (np.full(61, 1.7e9), "all equal"),
+        (-QUARTERS, "do not increase"),
+        (np.where(np.arange(61) == 30, 0.0, QUARTERS), "do not increase"),
+        (np.append(0.0, 1.7e9 + QUARTERS[:-1]), "not been set"),
+    ],
+)
+def test_stamps_that_are_no_timing_are_not_driven_and_a_warning_says_so_once(start, times, word):
+    robot = Robot(start(), x=-0.15)
+    for _ in range(2):  # again, by a path that is another
+        robot.take(path(LINE, 1.0e3 + times if times.min() < 0 else times))
+        robot.drive(4.0)
+        robot.take(path([], frame=""))
+        robot.state[:] = [-0.15, 0.0, 0.0, 0.0, 0.0]
+        robot.drive(0.1)
+    assert robot.speeds[150:200].mean() == pytest.approx(0.4, abs=0.02) and robot.speeds.max() < 0.43
+    (warning,) = said(robot.node, "warning")
+    assert word in warning and "speed = 0.4" in warning and "use_stamps" in warning
+
+
+def test_stamps_are_not_looked_at_where_they_are_not_used(start):
+    robot = Robot(start(use_stamps=False), path(LINE, 2 * QUARTERS), x=-0.15)
+    robot.drive(4.0)
+    assert robot.speeds[150:].mean() == pytest.approx(0.4, abs=0.02) and said(robot.node, "warning") == []
+
+
+def test_cmd_vel_may_be_stamped(start):
+    node = start(stamped=True, base_frame="base_footprint")
+    robot = Robot(node, straight())
+    robot.drive(3.0)
+    assert node.published is twist_stamped
+    topic, message = node.sent[-1]
+    assert message.header.frame_id == "base_footprint" and message.twist.linear.x > 0.3
+    assert message.header.stamp == stamp(Node.now - 0.02)
+    assert start().published is twist  # the default, which README says robots need that do not take the other
+
+
+@pytest.mark.parametrize(
+    "kind, base, wanted",
+    [  # by hand: a base of half the track makes half the difference of the wheels of a yaw rate, so it is told twice
+        ("wheel_speeds", {"base_track": 0.5}, (1.0, 2.0)),
+        ("torques", {"base_track": 0.5}, (1.0, 2.0)),
+        ("wheel_speeds", {"base_wheel_radius": 2.0}, (2.0, 2.0)),  # turns wheels half as fast as it should
+        ("car", {"base_wheelbase": 0.5}, (1.0, 2.0)),
+    ],
+)
+def test_a_base_with_other_numbers_is_told_what_it_makes_the_same_of(start, kind, base, wanted):
+    """Parameters are shares of the vehicle's own, the wanted velocity shares of what is told without them."""
+    own = start(kind).follower.values
+    launched = {name: share * own[name] for name, share in base.items()}
+    told = [start(kind, **more).follower for more in ({}, launched)]
+    (v, w), (v_base, w_base) = (f.vehicle.command(0.3, 0.2, f.values) for f in told)
+    assert (v, w) == (0.3, 0.2)  # by default the vehicle's own
+    assert (v_base / v, w_base / w) == pytest.approx(wanted)
+
+
+def test_a_skid_steered_base_turns_as_the_law_asked(start):
+    """The wheels slip: turning takes 1.75 times the difference that the base's own track makes of a yaw rate."""
+    bends = []
+    for share in (1.0, 1 / 1.75):
+        Node.now = 100.0
+        own = start("wheel_speeds").follower.values["base_track"]
+        robot = Robot(start("wheel_speeds", base_track=share * own, speed=0.3), path(wave()[0]), x=-0.15, heading=0.6)
+        rate = robot.rate
+        robot.rate = lambda state, command, rate=rate: rate(state, command * np.array([1.0, 1 / 1.75]))
+        robot.drive(12.0)
+        off = [np.linalg.norm(wave()[1] - point, axis=1).min() for point in robot.points[200:]]
+        bends.append(max(off))
+    assert bends[1] < 0.01 < bends[0]
 
 
 def test_speeds_stay_within_the_limits_of_the_node(start):
@@ -530,7 +718,7 @@ def test_odometry_of_the_axle_becomes_the_motion_of_the_point_ahead():
 
 def test_the_reference_is_smooth_its_derivatives_those_of_differences():
     made = reference.Reference(wave()[0], spacing=0.1)
-    made.drive(0.0, 0.0, 0.4, 0.3, 1.0, 1.5)
+    made.drive(0.0, 0.0, 0.0, 0.0, 0.4, 0.3, 1.0, 1.5)
     times, h = np.linspace(0.1, made.motion.duration - 0.1, 400), 1e-4
     now, later, before = ([made.at(t + d, 0.0) for t in times] for d in (0.0, h, -h))
     tolerances = {"position": 1e-6, "velocity": 2e-4, "heading": 1e-5}
@@ -550,7 +738,7 @@ def test_a_spline_through_a_circle_has_its_length_and_its_curvature():
     angles = np.linspace(0.0, 2 * np.pi, 81)
     made = reference.Reference(2.0 * np.stack([np.cos(angles), np.sin(angles)], 1))
     assert made.end == pytest.approx(4 * np.pi, rel=1e-5)
-    assert made.drive(1.0, 0.4, 0.4, 0.3, 1.0, 0.5) == 1.0
+    assert made.drive(1.0, 0.4, 0.0, 0.0, 0.4, 0.3, 1.0, 0.5) == 1.0
     turning = made.at(made.motion.duration / 2, 0.0)
     assert turning["heading_rate"] == pytest.approx(0.4 / 2.0, rel=1e-3)
 
@@ -558,9 +746,9 @@ def test_a_spline_through_a_circle_has_its_length_and_its_curvature():
 def test_a_path_is_driven_slower_where_its_bends_want_it():
     made = reference.Reference(wave()[0])
     crest = 0.5 * 1.5**2  # 1/m, curvature of y = 0.5 sin(1.5 x) there
-    assert made.drive(0.0, 0.0, 0.4, 0.3, 1.0, 1.5) == 1.0
-    assert made.drive(0.0, 0.0, 0.4, 0.3, 1.0, 0.2) == pytest.approx(0.2 / crest / 0.4, rel=0.01)
-    assert made.drive(0.0, 0.0, 0.4, 0.3, 0.1, 1.5) == pytest.approx(0.25, rel=0.01)  # by max_speed
+    assert made.drive(0.0, 0.0, 0.0, 0.0, 0.4, 0.3, 1.0, 1.5) == 1.0
+    assert made.drive(0.0, 0.0, 0.0, 0.0, 0.4, 0.3, 1.0, 0.2) == pytest.approx(0.2 / crest / 0.4, rel=0.01)
+    assert made.drive(0.0, 0.0, 0.0, 0.0, 0.4, 0.3, 0.1, 1.5) == pytest.approx(0.25, rel=0.01)  # by max_speed
 
 
 @pytest.mark.parametrize("end, rate", [(5.0, 0.0), (0.3, 0.0), (5.0, 0.8), (0.2, 0.5), (0.01, 0.5)])

@@ -10,10 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .odometry import measured, unwrapped, yaw
-from .reference import Reference
+from .reference import Reference, timing
 from .vehicles import VEHICLES
 
 GAINS = "controller."  # what the names of the law's parameters begin with
+LIMITS = ("speed", "acceleration", "max_speed", "max_yaw_rate")
+SLOWEST = 1e-4  # of `speed`: stamps that ask for less have not been set
+CHANGED = 0.25  # of the speed asked for: a path that replaces another and is driven as fast is no news
+OVER = "a path is sent again that was finished or given up: it is not begun again unless an empty one is sent before"
 
 
 class Step(NamedTuple):
@@ -23,6 +27,7 @@ class Step(NamedTuple):
     yaw_rate: float = 0.0  # rad/s
     error: str = ""  # why it stands still although there is a path
     info: str = ""  # what happened, once
+    warning: str = ""  # what is not done as it was sent, once
 
 
 class Follower:
@@ -39,7 +44,11 @@ class Follower:
         self.measurement, self.stamp, self.heading, self.velocity = None, 0.0, None, (0.0, 0.0)
         self.reference: Any = None
         self.time: Any = None  # s, since the path was joined
-        self.moving, self.along = False, 0.0  # whether the law runs, and the reference's speed along the path [m/s]
+        self.over: Any = None  # the reference that was driven, once it is finished or given up
+        self.before: Any = None  # the reference that is replaced, and its time [s]
+        self.order: Any = None  # timing and limits with which the newest path was sent
+        self.moving = False  # whether the law runs
+        self.warned, self.warning, self.share = set(), "", 1.0  # what was said; of the speed asked for, the share
         self.periods = self.clipped = 0  # periods driven, and those in which the node kept back some of the velocity
 
     def configure(self, values):
@@ -62,12 +71,72 @@ class Follower:
     def follow(self, points, times=None):
         """Drive along these points (N, 2) [m] from where the vehicle is; no points at all are the order to stop.
 
-        Raises ValueError where they make no path; the vehicle then stops too.
+        The path that is driven, sent again whole or without a part that lies behind, changes nothing. One that replaces
+        it goes on at its pace, from the place of the reference where it passes that. Raises ValueError where the points
+        make no path; the vehicle then stops too.
         """
-        self.reference, self.time = None, None
-        if len(points):
-            self.reference = Reference(points, times, self.values["spacing"])
-        self.moving = self.moving and self.reference is not None
+        points = np.asarray(points, float).reshape(-1, 2)
+        timed = self._timing(points, times) if len(points) else None
+        order = (timed, [self.values[name] for name in LIMITS])
+        if len(points) and self._same(points, times, order):
+            if self.over is not None:
+                self._warn(OVER)
+            return
+        try:
+            reference = Reference(points, timed, self.values["spacing"]) if len(points) else None
+        except ValueError:
+            near, last = 2 * max(self.values["spacing"], self.values["goal_tolerance"]), self.reference
+            if last is not None and np.linalg.norm(points - last.points[-1], axis=-1).max() < near:
+                return  # no more than the end of the path that is driven is left of it
+            self._drop(None)
+            raise
+        before = self.before if self.time is None else (self.reference, self.time)
+        self._drop(None)
+        self.reference, self.order = reference, order
+        self.before = before if reference is not None and self.moving else None
+        self.moving = self.before is not None
+
+    def _drop(self, over):
+        """No path from now on; `over` is the one that must not begin again by being sent again."""
+        self.reference = self.time = self.before = None
+        self.over = over
+
+    def _timing(self, points, times):
+        """The times (N,) [s] from the first on; None, and why is said once, where they are no timing."""
+        values = self.values
+        if times is None or not values["use_stamps"]:
+            return None
+        times, why = timing(points, times, values["spacing"], SLOWEST * values["speed"], values["max_speed"])
+        if why:
+            self._warn(
+                f"stamps of the path {why}: it is driven at speed = {values['speed']:g} (use_stamps = false: ever)"
+            )
+        return times
+
+    def _warn(self, text):
+        if text not in self.warned:
+            self.warned.add(text)
+            self.warning = text
+
+    def _same(self, points, times, order):
+        """Whether they are the path of the reference, or what is left of it, to be driven alike."""
+        if self.over is not None:
+            return self.over.cut(points) is not None
+        last = self.reference
+        front = None if last is None else last.cut(points)
+        if last is None or front is None or order[1] != self.order[1]:
+            return False
+        timed = self.order[0]
+        if timed is None and order[0] is not None:
+            return False
+        if timed is not None and (
+            times is None or not np.allclose(np.subtract(times, times[0]), timed[front:] - timed[front], 0, 1e-6)
+        ):
+            return False
+        at = last.reached if self.time is None else last.motion(self.time)[0]
+        ahead = np.linalg.norm(points[0] - last.spline(at)[0])
+        behind = np.interp(front, last.kept, last.spline.knots) <= at
+        return bool(front == 0 or behind or ahead <= self.values["max_error"])
 
     def step(self, now):
         """The command from `now` [s] until a period later."""
@@ -80,12 +149,16 @@ class Follower:
         try:
             return self._drive({**self.measurement, **self.vehicle.seen()})
         except ValueError as problem:
-            self.reference = None
+            self._drop(None if self.time is None else self.reference)
             return self._stop(error=f"path given up: {problem}")
 
     def _stop(self, error="", info=""):
-        self.moving, self.time, self.along = False, None, 0.0
-        return Step(error=error, info=info)
+        self.moving, self.time, self.before = False, None, None
+        return Step(error=error, info=info, warning=self._said())
+
+    def _said(self):
+        said, self.warning = self.warning, ""
+        return said
 
     def _drive(self, measurement):
         info = self._begin(measurement) if self.time is None else ""
@@ -95,33 +168,49 @@ class Follower:
             raise ValueError(f"{off:.2f} m from where the vehicle should be, max_error is {self.values['max_error']:g}")
         over = self.time - self.reference.motion.duration
         if over >= 0 and (off < self.values["goal_tolerance"] or over >= self.values["settling_time"]):
-            self.reference = None
+            self._drop(self.reference)
             return self._stop(info=f"path finished, {off:.3f} m from its end; {self.clipped} of {self.periods} limited")
         if not self.moving:
             self.controller.start(measurement, asked)
             self.moving = True
         wanted = self.vehicle.wanted(self.controller.step(measurement, asked), self.period)
-        if not np.all(np.isfinite(wanted)):
-            raise ValueError(f"the law asks for a velocity that is not finite: {wanted}")
+        if self.controller.status == "NOT_FINITE" or not np.all(np.isfinite(wanted)):
+            raise ValueError("the law asks for a velocity that is not finite")
         sent = self._limited(*wanted)
         self.vehicle.sent(*sent)
         self.periods, self.clipped = self.periods + 1, self.clipped + (sent != wanted)
-        self.time, self.along = self.time + self.period, float(np.linalg.norm(asked["velocity"]))
-        return Step(*sent, info=info)
+        self.time += self.period
+        return Step(*self.vehicle.command(*sent, self.values), info=info, warning=self._said())
 
     def _begin(self, measurement):
-        """Join the path at the place of it that is abreast; a path that replaces another keeps the vehicle's pace."""
-        values, again = self.values, self.reference.heading is not None
-        after = self.reference.reached if again else 0.0
-        start = self.reference.nearest(measurement["position"], after, values["max_error"])
-        limits = [values[name] for name in ("speed", "acceleration", "max_speed", "max_yaw_rate")]
-        share = self.reference.drive(start, self.along, *limits)
-        self.time, self.periods, self.clipped = 0.0, 0, 0
+        """Join the path at the place of it that is abreast; a path that replaces another goes on at its pace."""
+        values, again, replaces = self.values, self.reference.heading is not None, self.before is not None
+        start, pace = None, (0.0, 0.0, 0.0)
+        if replaces:
+            start = self.reference.goes_on(*self.before, max(values["spacing"], values["goal_tolerance"]))
+            pace = self.before[0].pace(self.before[1])[2]
+        if start is None:
+            after = self.reference.reached if again else 0.0
+            start = self.reference.nearest(measurement["position"], after, values["max_error"])
+        share = self.reference.drive(start, *pace, *(values[name] for name in LIMITS))
+        self.time, self.before = self._rested(start) if replaces else 0.0, None
+        slower = f", {share:.0%} of the speed asked for, as its bends and max_speed want" if share < 0.99 else ""
+        told = replaces and abs(share - self.share) < CHANGED
+        self.share = self.share if told else share
+        if not replaces:
+            self.periods = self.clipped = 0
+            self.warned.discard(OVER)
         if not self.moving:
             self.vehicle.start(*self.velocity)
             measurement.update(self.vehicle.seen())
-        slower = f", {share:.0%} of the speed asked for, as its bends and max_speed want" if share < 0.99 else ""
-        return f"path {'joined again' if again else 'begun'}, {self.reference.motion.duration:.1f} s to its end{slower}"
+        how = "joined again" if again else "replaced" if replaces else "begun"
+        return "" if told else f"path {how}, {self.reference.motion.duration:.1f} s to its end{slower}"
+
+    def _rested(self, start):
+        """The time into a drive that begins at u = `start`; where that is the end, waiting there is not begun anew."""
+        reference, time = self.before
+        over = time - reference.motion.duration
+        return self.reference.motion.duration + over if over > 0.0 and start == self.reference.end else 0.0
 
     def _limited(self, speed, yaw_rate):
         """A velocity that the robot may be given, and not further from its own than the leads."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .motion import Motion
+
+FAR = 1e8  # m; a number beyond is no place: squares of it are still told apart
 SAMPLES = 8  # to a segment of the path, where it is searched
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -56,61 +59,64 @@ def _second_derivatives(knots, points):
     return bends
 
 
-class Motion:
-    """Progress along a path from `start` to `end`: from the `rate` it has, to `cruise`, and to rest, all smoothly.
-
-    The acceleration of a ramp is a parabola in time whose peak is `acceleration`. A path too short for `cruise` is
-    driven slower; one too short even to stop is braked on harder.
-    """
-
-    def __init__(self, start, end, rate, cruise, acceleration):
-        """All in the unit of the path's parameter, and seconds."""
-        length = max(end - start, 1e-9)
-        acceleration = max(acceleration, 0.75 * rate**2 / length)
-        cruise = min(cruise, np.sqrt((acceleration * length + 0.75 * rate**2) / 1.5))
-        up, down = 1.5 * abs(cruise - rate) / acceleration, 1.5 * cruise / acceleration
-        even = (length - (rate + cruise) / 2 * up - cruise / 2 * down) / cruise
-        self.start, self.end, self.cruise = start, end, cruise
-        self.stages = ((up, rate, cruise), (max(even, 0.0), cruise, cruise), (down, cruise, 0.0))
-        self.duration = sum(time for time, _, _ in self.stages)
-
-    def __call__(self, t):
-        """Progress, its rate and its acceleration a time t [s] after the start."""
-        u = self.start
-        for time, before, after in self.stages:
-            if t < time:
-                s = max(t, 0.0) / time
-                u += before * s * time + (after - before) * time * (s**3 - s**4 / 2)
-                rate = before + (after - before) * (3 * s**2 - 2 * s**3)
-                return min(u, self.end), rate, (after - before) * 6 * s * (1 - s) / time
-            u, t = u + (before + after) / 2 * time, t - time
-        return self.end, 0.0, 0.0
-
-
 class Reference:
     """What the path asks for: a spline through its points, driven along by a `Motion`.
 
-    Where the points (N, 2) [m] have increasing `times` (N,) [s], these say how fast each part of the path is driven;
-    otherwise it is driven at one speed. Points nearer than `spacing` [m] to the one before are left out.
+    Where the points (N, 2) [m] have `times` (N,) [s], as `timing` passes them, these say how fast each part of the path
+    is driven; otherwise it is driven at one speed. Points nearer than `spacing` [m] to the one before are left out.
     """
 
     def __init__(self, points, times=None, spacing=0.0):
         """Raises ValueError where the points make no path."""
-        points = np.asarray(points, float).reshape(-1, 2)
-        if not np.all(np.isfinite(points)):
-            raise ValueError("the path has a position that is not finite")
-        kept = _apart(points, max(spacing, 1e-6))
-        if len(kept) < 2:
-            raise ValueError(f"the path has no two poses that are {spacing:g} m apart")
-        points = points[kept]
-        knots = np.zeros(len(kept)) if times is None else np.asarray(times, float)[kept] - times[0]
-        self.timed = bool(np.all(np.diff(knots) > 0))
+        self.points, self.kept = _way(points, spacing)
+        self.timed, points = times is not None, self.points[self.kept]
+        knots = np.zeros(len(points)) if times is None else np.asarray(times, float)[self.kept] - times[0]
         self.spline = Spline(knots, points) if self.timed else _by_length(points)
         self.end = self.spline.knots[-1]
         parts = self.spline.knots[:-1, None] + np.diff(self.spline.knots)[:, None] * np.arange(SAMPLES) / SAMPLES
         self.samples = np.append(parts.ravel(), self.end)
         self.motion, self.heading = Motion(0.0, self.end, 0.0, 1.0, 1.0), None
         self.reached = 0.0  # the parameter that was asked for last
+
+    def cut(self, points):
+        """How many poses of this path's front these lack, which are else the same; None if they differ."""
+        n = len(self.points) - len(points)
+        return n if n >= 0 and np.array_equal(self.points[n:], points) else None
+
+    def pace(self, t):
+        """Where the reference is a time t [s] into the drive, (2,), which way it points, (2,), and how it moves on.
+
+        That is its speed [m/s] and acceleration [m/s^2] along the path, and the time [s] that its ramp still takes.
+        """
+        u, rate, acceleration = self.motion(t)
+        value, slope, bend = self.spline(u)
+        size = max(np.linalg.norm(slope), 1e-9)
+        along = slope @ bend / size * rate**2 + size * acceleration
+        return value, slope / size, (float(size * rate), float(along), self.motion.left(t))
+
+    def goes_on(self, before, t, within):
+        """The u from which this path goes on from the reference of the one before at its time t [s].
+
+        None where it does not pass within `within` [m] of that place, or passes another way.
+        """
+        place, direction, _ = before.pace(t)
+        front = before.cut(self.points)
+        if front is not None:
+            index = np.interp(before.motion(t)[0], before.spline.knots, before.kept)
+            return float(np.interp(index - front, self.kept, self.spline.knots))
+        places, slopes, _ = self.spline(self.samples)
+        same_way = slopes @ direction > 0.5 * np.linalg.norm(slopes, axis=-1)
+        off = np.where(same_way, np.linalg.norm(places - place, axis=-1), np.inf)
+        step = np.linalg.norm(np.diff(places, axis=0), axis=-1).max()
+        if off.min() > within + step:
+            return None
+        first = int(np.flatnonzero(off <= within + step)[0])
+        first += int(np.argmin(off[first : first + 2 * SAMPLES]))
+        before_it = -within / max(
+            np.linalg.norm(slopes[0]), 1e-9
+        )  # a path may begin a little ahead: nothing is skipped
+        start = self._closest(place, self.samples[first], before_it)
+        return start if np.linalg.norm(self.spline(start)[0] - place) <= within else None
 
     def nearest(self, point, after, within):
         """Where the path passes the point, at most `within` [m] from it: the first such u from `after` on.
@@ -126,14 +132,18 @@ class Reference:
         driven = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1)))
         ends = np.searchsorted(driven, driven + within)
         found = u[next(i for i in np.flatnonzero(off <= within) if off[i] <= off[i : ends[i] + 1].min())]
-        for _ in range(5):  # Gauss and Newton's method
-            value, slope, _ = self.spline(found)
-            found = np.clip(found + (point - value) @ slope / max(slope @ slope, 1e-12), after, self.end)
-        return float(found)
+        return self._closest(point, found, after)
 
-    def drive(self, start, moving, speed, acceleration, max_speed, max_yaw_rate):
+    def _closest(self, point, u, after):
+        for _ in range(5):  # Gauss and Newton's method
+            value, slope, _ = self.spline(u)
+            u = np.clip(u + (point - value) @ slope / max(slope @ slope, 1e-12), after, self.end)
+        return float(u)
+
+    def drive(self, start, moving, pull, left, speed, acceleration, max_speed, max_yaw_rate):
         """Plan the drive from u = `start`, where the point moves along the path at `moving` [m/s] already.
 
+        `pull` [m/s^2] and `left` [s] are what else `pace` says of that motion.
         Slower than asked for where the path would else be faster than `max_speed` [m/s] or `max_yaw_rate` [rad/s].
         Returns the share of the speed asked for that is left, at most 1.
         """
@@ -142,7 +152,9 @@ class Reference:
         turn = np.abs(slope[..., 0] * bend[..., 1] - slope[..., 1] * bend[..., 0]) / size**2
         wanted = 1.0 if self.timed else speed
         cruise = min(wanted, max_speed / size.max(), max_yaw_rate / max(turn.max(), 1e-9))
-        self.motion = Motion(start, self.end, moving / size[0], cruise, acceleration / size.max())
+        rate = moving / size[0]
+        push = (pull - slope[0] @ bend[0] / size[0] * rate**2) / size[0]
+        self.motion = Motion(start, self.end, rate, cruise, acceleration / size.max(), push, left)
         return cruise / wanted
 
     def at(self, t, heading):
@@ -160,6 +172,42 @@ class Reference:
             "heading": self.heading,
             "heading_rate": float((slope[0] * bend[1] - slope[1] * bend[0]) / max(slope @ slope, 1e-12) * rate),
         }
+
+
+def timing(points, times, spacing, slowest, fastest):
+    """The times (N,) [s], or None where they are no timing, and why they are none.
+
+    They are one where they increase and ask for a speed between `slowest` and `fastest` [m/s].
+    """
+    try:
+        points, kept = _way(points, spacing)
+    except ValueError:
+        return None, ""  # no path either, which `Reference` says
+    times = np.asarray(times, float)
+    if times.shape != (len(points),) or not np.all(np.isfinite(times)):
+        return None, "are not one number for each pose"
+    if not np.any(np.diff(times)):
+        return None, "are all equal"
+    if not np.all(np.diff(times) > 0):
+        return None, "do not increase from each pose to the next"
+    speeds = np.linalg.norm(np.diff(points, axis=0), axis=-1) / np.diff(times)
+    if speeds.max() > fastest * (1 + 1e-6):
+        return None, f"ask for more than max_speed = {fastest:g} m/s"
+    speeds = np.linalg.norm(np.diff(points[kept], axis=0), axis=-1) / np.diff(times[kept])
+    if speeds.min() < slowest:
+        return None, "ask for next to no speed, as if some had not been set"
+    return times - times[0], ""
+
+
+def _way(points, spacing):
+    """The points (N, 2), and the indices of those `spacing` apart. Raises ValueError where they make no path."""
+    points = np.asarray(points, float).reshape(-1, 2)
+    if not np.all(np.abs(points) < FAR):  # NaN too
+        raise ValueError(f"the path has a position that is not finite, or beyond {FAR:g} m")
+    kept = _apart(points, max(spacing, 1e-6))
+    if len(kept) < 2:
+        raise ValueError(f"the path has no two poses that are {spacing:g} m apart")
+    return points, np.array(kept)
 
 
 def _apart(points, spacing):

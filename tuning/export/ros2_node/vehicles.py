@@ -16,6 +16,7 @@ class Accelerations:
 
     inputs = ("acceleration", "yaw_acceleration")
     parts = ("L",)
+    base = {}  # parameters of the node: what the robot's base takes the same numbers of the vehicle for
 
     def __init__(self, parts):
         """The numbers of the vehicle by their names, those of `parts` among them."""
@@ -43,12 +44,17 @@ class Accelerations:
         """What of it was commanded."""
         self.speed, self.yaw_rate = speed, yaw_rate
 
+    def command(self, speed, yaw_rate, base):
+        """What `cmd_vel` must say for the vehicle to have this velocity; `base` has the parameters of that name."""
+        return speed, yaw_rate
+
 
 class Torques(Accelerations):
     """Torques of two driven wheels [Nm]; the accelerations they amount to, friction left to the robot's own loop."""
 
     inputs = ("torque_left", "torque_right")
     parts = ("L", "mass", "inertia", "wheel_radius", "track")
+    base = {"base_track": "track", "base_wheel_radius": "wheel_radius"}
 
     def rates(self, inputs):
         """Accelerations v' and w'."""
@@ -56,8 +62,13 @@ class Torques(Accelerations):
         lever = 2 * self.of["wheel_radius"] * self.of["inertia"] / self.of["track"]
         return (right + left) / (self.of["wheel_radius"] * self.of["mass"]), (right - left) / lever
 
+    def command(self, speed, yaw_rate, base):
+        """The velocity that the base makes the speeds of these wheels of."""
+        radius = base["base_wheel_radius"] / self.of["wheel_radius"]
+        return radius * speed, radius * self.of["track"] / base["base_track"] * yaw_rate
 
-class WheelSpeeds(Accelerations):
+
+class WheelSpeeds(Torques):
     """Speeds of two driven wheels [rad/s], which are a velocity already: nothing is integrated."""
 
     inputs = ("wheel_speed_left", "wheel_speed_right")
@@ -79,6 +90,7 @@ class Steering(Accelerations):
 
     inputs = ("acceleration", "steering_rate")
     parts = ("lf", "lr", "limits.steering_angle")
+    base = {"base_wheelbase": "L"}
 
     def __init__(self, parts):
         """See `Accelerations`; L is the wheelbase."""
@@ -108,6 +120,10 @@ class Steering(Accelerations):
             most = self.of["limits.steering_angle"]
             self.steering_angle = min(max(math.atan(self.L * yaw_rate / speed), -most), most)
         super().sent(speed, yaw_rate)
+
+    def command(self, speed, yaw_rate, base):
+        """The velocity that the base makes this steering angle of."""
+        return speed, self.L / base["base_wheelbase"] * yaw_rate
 
 
 VEHICLES = {kind.inputs: kind for kind in (Accelerations, Torques, WheelSpeeds, Steering)}

@@ -1,0 +1,54 @@
+"""The step as it is exported: a number that is not finite never enters the state of the law."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, PyTree
+
+from agvjax import Measurement, Sampled
+from agvjax.messages import Reference
+
+from ..io.files import Json
+
+STATUS = {  # words of `output.status` and what they mean; a step's flags after the first have their order
+    "OK": "the step was taken",
+    "NOT_FINITE": "a number of measurement or reference is NaN or infinite, or what the law makes of them is:"
+    " the state stays as it was, all inputs are 0",
+    "STARTED": "the state was not finite: the law began anew with this measurement, and the step was taken",
+}
+
+
+def start(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
+    """The state of a law that starts now; NaN all over where a number is not finite, so that a later step starts."""
+    state = controller.inner.init(measurement, reference)
+    return _chosen(_finite((measurement, reference)), state, jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), state))
+
+
+def step(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> Json:
+    """State afterwards, inputs, whether limited, and the flags of the status; groups of a `program.Program`."""
+    begun = _finite(state)
+    before = _chosen(begun, state, controller.inner.init(measurement, reference))
+    later = controller.step(before, measurement, reference)
+    inputs = later.command.inputs
+    sound = _finite((measurement, reference)) & _finite((later.law, inputs))
+    return {
+        "state": _chosen(sound, later.law, state),
+        "inputs": _chosen(sound, inputs, jax.tree.map(jnp.zeros_like, inputs)),
+        "limited": {"limited": sound & later.limited},
+        "status": {"not_finite": ~sound, "started": sound & ~begun},
+    }
+
+
+def _finite(tree: PyTree) -> Bool[Array, ""]:
+    """Whether every number is."""
+    flags = [jnp.isfinite(x[i]) for x in map(jnp.asarray, jax.tree.leaves(tree)) for i in np.ndindex(x.shape)]
+    sound = jnp.asarray(True)
+    for flag in flags:
+        sound = sound & flag
+    return sound
+
+
+def _chosen(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
