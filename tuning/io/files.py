@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import os
-import platform
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from jaxtyping import ArrayLike
+
+from .marks import lives, mark, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +24,7 @@ Json = dict[str, Any]  # a table of a JSON file
 
 def write(path: Path, data: str | bytes) -> None:
     """Write text or bytes."""
-    part = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.part")  # others may write the same file
+    part = path.with_name(f".{path.name}.{mark()}.part")  # others may write the same file
     try:
         with part.open("wb") as file:
             file.write(data.encode() if isinstance(data, str) else data)
@@ -32,6 +34,23 @@ def write(path: Path, data: str | bytes) -> None:
     except BaseException:  # Ctrl-C too
         part.unlink(missing_ok=True)
         raise
+
+
+def sweep_up(folder: Path) -> None:
+    """Remove what was half written by processes that are gone, or of which nothing was heard for long."""
+    for part in folder.glob(".*.part"):
+        with contextlib.suppress(OSError):
+            if _writer_lives(part) is False or silent(part):
+                part.unlink(missing_ok=True)
+
+
+def empty(folder: Path) -> bool:
+    """Whether a folder holds nothing but what was half written by processes that may be gone."""
+    return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in folder.iterdir())
+
+
+def _writer_lives(part: Path) -> bool | None:
+    return lives(part.name.removesuffix(".part").rpartition(".")[2])
 
 
 def write_by(path: Path, save: Callable[[BinaryIO], object]) -> None:

@@ -6,17 +6,18 @@ Processes need nothing but this folder. A claim only saves work: two that comput
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import importlib.metadata
 import io
 import json
 import os
-import platform
+import stat
 import threading
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -26,10 +27,11 @@ from agvjax.metric_table import OLD_NAMES
 
 from ..config.old import difference
 from ..io import files
+from ..io.marks import lives, mark, silent
 
 MANIFEST, CLAIM = "manifest.json", "claim"
 FORMAT = 1
-BEAT, STALE = 20.0, 120.0  # s between signs of life of a claim, and of silence after which another takes it
+BEAT = 20.0  # s between signs of life of a claim
 BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 OLD_ARRAYS = {f"result/{old}": f"result/{new}" for old, new in OLD_NAMES.items()}  # in shards of earlier releases
@@ -141,53 +143,67 @@ def read_shard(folder: Path, manifest: Manifest, shard: int) -> dict[str, np.nda
 
 
 class Claim:
-    """The right to compute one shard, or to write the report: a file that a thread touches as long as it is ours."""
+    """The right to compute one shard, or to write the report: a file that a thread touches as long as it is ours.
+
+    Attributes:
+        held: the marks of all claims of this process that are taken and not given back.
+    """
+
+    held: ClassVar[set[str]] = set()
 
     def __init__(self, folder: Path, name: str):
         self.path = folder / f"{name}.{CLAIM}"
-        self.name = f"{platform.node()} {os.getpid()}"
+        self.mark = mark()
         self._done = threading.Event()
 
     def take(self) -> bool:
-        """Whether it is ours now; one that is held by a process that is gone is taken over."""
-        if self.path.exists() and self.abandoned():
+        """Whether it is ours now; one that is held by a process that is gone is taken over.
+
+        Raises:
+            OSError: it cannot be written, or what lies in its place is no file.
+        """
+        if self.abandoned():
             self.path.unlink(missing_ok=True)
         try:
             with self.path.open("x") as file:
-                file.write(self.name)
+                file.write(self.mark)
         except FileExistsError:
             return False
+        self.held.add(self.mark)
         threading.Thread(target=self._live, daemon=True).start()
         return True
 
     def release(self) -> None:
-        """Give the claim back."""
+        """Give the claim back, unless another has taken it over."""
         self._done.set()
+        self.held.discard(self.mark)
         with contextlib.suppress(OSError):
-            self.path.unlink(missing_ok=True)
+            if self.holder() == self.mark:
+                self.path.unlink(missing_ok=True)
 
     def _live(self) -> None:
         while not self._done.wait(BEAT):
             with contextlib.suppress(OSError):
-                os.utime(self.path)
+                if self.holder() == self.mark:
+                    os.utime(self.path)
+
+    def holder(self) -> str:
+        """The mark that stands in it; anything may stand there."""
+        with self.path.open("rb") as file:
+            return file.read(100).decode(errors="replace")
 
     def abandoned(self) -> bool:
-        """Whether its holder is gone, or has been silent for long."""
-        with contextlib.suppress(OSError, ValueError):
-            age = time.time() - self.path.stat().st_mtime
-            host, _, process = self.path.read_text().rpartition(" ")
-            return age > STALE or (host == platform.node() and not _alive(int(process)))
-        return False  # gone, or not written yet: the next look will tell
+        """Whether its holder is gone, or has been silent for long.
 
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return process != os.getpid()  # a number used again by ourselves
+        Raises:
+            OSError: it is no file, and so nobody's claim.
+        """
+        try:
+            if not stat.S_ISREG(self.path.lstat().st_mode):
+                raise OSError(errno.EEXIST, "lies in the place of a claim and is no file: remove it", str(self.path))
+            return lives(self.holder(), self.held) is False or silent(self.path)
+        except FileNotFoundError:
+            return False  # given back just now
 
 
 @contextlib.contextmanager
@@ -217,12 +233,8 @@ def just_begun(folder: Path, manifest: Manifest) -> bool:
 
 def sweep_up(folder: Path) -> None:
     """Remove what processes that are gone left lying."""
-    for part in folder.glob(".*.part"):
-        with contextlib.suppress(OSError, ValueError):
-            host, _, process = part.name.removesuffix(".part").rpartition("-")
-            gone = host.endswith(f".{platform.node()}") and not _alive(int(process))
-            if gone or time.time() - part.stat().st_mtime > STALE:
-                part.unlink(missing_ok=True)
+    files.sweep_up(folder)
     for path in folder.glob(f"*.{CLAIM}"):
-        if Claim(folder, path.stem).abandoned():
-            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            if Claim(folder, path.stem).abandoned():
+                path.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tuning import config as configuration
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
+from tuning.io import marks
 from tuning.sweep import figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 from tuning.sweep.laws import named
@@ -179,24 +181,72 @@ def test_a_shard_of_another_sweep_is_none(small, tmp_path):
         shards.read_manifest(tmp_path)
 
 
-def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path, monkeypatch):
+def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     claim = shards.Claim(tmp_path, "shard-00000")
-    host = os.uname().nodename
+    place, number, chance = claim.mark.split("-")
+    other = ("0" if place[0] != "0" else "1") + place[1:]  # a container that counts its own processes, another host
+    day = 86400
     for holder, age, free in (
-        (f"{host} {gone.pid}", 0, True),
-        (f"{host} {os.getppid()}", 0, False),
-        (f"{host} {os.getppid()}", 1000, True),  # silent for long: another process has its number by now
-        ("elsewhere 1", 1000, True),
-        ("elsewhere 1", 0, False),
+        (f"{place}-{gone.pid}-{chance}", 0, True),
+        (f"{place}-{os.getppid()}-{chance}", 0, False),
+        (f"{place}-{os.getppid()}-{chance}", 1000, True),  # silent for long: another process has its number by now
+        (f"{place}-{number}-{'0' * 8}", 0, True),  # our number, before us
+        (f"{other}-{gone.pid}-{chance}", 0, False),
+        (f"{other}-{number}-{chance}", 0, False),
+        (f"{other}-1-{chance}", 1000, True),
+        (f"{other}-1-{chance}", -day, True),  # dated in the future: clocks were set
+        ("", 0, False),  # not written yet
+        ("", 1000, True),
+        ("elsewhere 12", 0, False),
+        (f"{place}-{10**30}-{chance}", 0, False),
+        (f"{place}-{10**30}-{chance}", 1000, True),
+        ("\udcff\udcfe", 0, False),
+        ("\udcff\udcfe", 1000, True),
     ):
-        claim.path.write_text(holder)
+        claim.path.write_bytes(os.fsencode(holder))
         os.utime(claim.path, (time.time() - age,) * 2)
-        assert claim.take() is free, holder
-        assert claim.path.read_text() == (claim.name if free else holder)
+        assert claim.take() is free, (holder, age)
+        assert os.fsdecode(claim.path.read_bytes()) == (claim.mark if free else holder)
+        claim.held.clear()
     claim.release()
     assert not claim.path.exists()
+
+
+def test_a_claim_that_another_has_taken_over_is_left_to_it(tmp_path):
+    late, other = shards.Claim(tmp_path, "report"), shards.Claim(tmp_path, "report")
+    assert late.take()
+    assert not other.take()  # of the same process, by another thread
+    os.utime(late.path, (time.time() - 1000,) * 2)  # as of a process that was stopped for long
+    assert other.take()
+    late.release()
+    assert other.path.read_text() == other.mark
+    other.release()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link to nothing"])
+def test_what_lies_in_the_place_of_a_claim_and_is_none_is_said(kind, tmp_path):
+    path = tmp_path / "shard-00000.claim"
+    {"folder": Path.mkdir, "pipe": os.mkfifo, "link to nothing": lambda p: p.symlink_to("absent")}[kind](path)
+    with pytest.raises(OSError, match="no file: remove it.*shard-00000.claim"):
+        shards.Claim(tmp_path, "shard-00000").take()
+    shards.sweep_up(tmp_path)
+    assert path.is_symlink() or path.exists()
+
+
+def test_only_what_is_nobodys_is_swept_up(tmp_path):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    place, number, chance = marks.mark().split("-")
+    kept = {f".a.npz.{place}-{number}-{chance}.part", ".a.npz.elsewhere-12.part", "a.part", ".a.npz"}
+    old = {".b.npz.elsewhere-12.part", f".a.npz.{place}-{gone.pid}-{chance}.part"}
+    for name in kept | old:
+        (tmp_path / name).touch()
+    os.utime(tmp_path / ".b.npz.elsewhere-12.part", (0, 0))
+    shards.sweep_up(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept
 
 
 # ----------------------------------------------------------------------------------------------------------- findings
