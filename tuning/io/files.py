@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import errno
 import io
 import json
 import os
+import stat
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -19,7 +21,39 @@ from .marks import lives, mark, silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
 Json = dict[str, Any]  # a table of a JSON file
+
+
+LARGEST = 10_000_000  # bytes of a file that is read as settings
+
+
+def content(path: Path, most: int = LARGEST) -> bytes:
+    """All bytes of a file.
+
+    Raises:
+        OSError: it cannot be read, or is no regular file: a pipe or a device may never end.
+        ValueError: it has more than `most` bytes.
+    """
+    with open(os.open(path, os.O_RDONLY | NO_WAIT), "rb") as file:  # a pipe would wait for a writer
+        about = os.fstat(file.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            kind = errno.EISDIR if stat.S_ISDIR(about.st_mode) else errno.EINVAL
+            raise OSError(kind, "it is a folder" if kind == errno.EISDIR else "it is no regular file", str(path))
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"it has more than {most} bytes: {path}")
+    return data
+
+
+def text(path: Path, most: int = LARGEST) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark, its line ends as Python has them.
+
+    Raises:
+        OSError: as `content`.
+        ValueError: as `content`, or it is no text.
+    """
+    return io.TextIOWrapper(io.BytesIO(content(path, most)), encoding="utf-8-sig").read()
 
 
 def write(path: Path, data: str | bytes) -> None:

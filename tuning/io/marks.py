@@ -60,7 +60,7 @@ def age(path: Path) -> float:
 
 
 def silent(path: Path) -> bool:
-    """Whether nobody has touched a file for long, or its date is far in the future: clocks were set, it says nothing."""
+    """Whether nobody has touched a file for long, or it is dated far in the future: clocks were set."""
     if abs(time.time() - path.lstat().st_mtime) < STALE / 2:
         return False
     return abs(age(path)) > STALE
