@@ -32,7 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
         rule = "lower-case letters, digits and underscores, a letter first; no word and no known module of Python"
         raise InputError([Fault("--name", name, rule)])
     jax.config.update("jax_enable_x64", True)
+    console = Console(arguments.quiet)
     compiled.keep_compiled()
+    compiled.listen(console.note)
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
     module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
     try:
@@ -43,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             [Fault("controller", found.provenance["law"][-1], f"a law that can be exported ({error})")]
         ) from error
-    out, console = new_folder(arguments.out, arguments.command), Console(arguments.quiet)
+    out = new_folder(arguments.out, arguments.command)
     for name, content in made.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)

@@ -42,6 +42,7 @@ def configure(
     if arguments.coordinator is not None:
         _meet(arguments.coordinator, arguments.process_id, arguments.num_processes)
     console = Console(arguments.quiet or not processes.chief())
+    compiled.listen(console.note)
     if not speed.startswith("fast"):
         console.note(speed)
     for text in dict.fromkeys(old):

@@ -95,7 +95,7 @@ def read_manifest(folder: Path) -> Manifest:
         ValueError: there is none, or it is damaged, or no manifest of this release; the message says which.
     """
     try:
-        table = plain.from_json(files.text(folder / MANIFEST, LARGEST_MANIFEST))
+        table: files.Json = plain.from_json(files.text(folder / MANIFEST, LARGEST_MANIFEST))
         if not isinstance(table, dict) or table.get("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}")
         if table.pop("sha256", None) not in (None, _sum(table)):  # None: of an earlier release
