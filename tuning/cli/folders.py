@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
 import tempfile
@@ -46,12 +45,14 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
 
 def _by_time(command: str) -> Path:
     """A folder under `runs` that nobody else has made: two commands may begin in one second."""
-    first = Path(f"runs/{command}-{time.strftime('%Y%m%d-%H%M%S')}")
-    for out in itertools.chain([first], (Path(f"{first}-{i}") for i in itertools.count(2))):
-        with contextlib.suppress(FileExistsError):
-            out.mkdir(parents=True)
+    name, more = f"runs/{command}-{time.strftime('%Y%m%d-%H%M%S')}", ""
+    for i in itertools.count(2):
+        try:
+            Path(name + more).mkdir(parents=True)
             break
-    return out
+        except FileExistsError:
+            more = f"-{i}"
+    return Path(name + more)
 
 
 def same_folder(name: str | None, command: str, config: Config) -> Path:

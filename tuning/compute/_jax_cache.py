@@ -6,6 +6,8 @@ JAX has no public way to say where compiled programs are kept but a folder; what
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from jax._src import compilation_cache
 from jax._src.compilation_cache_interface import CacheInterface
 
@@ -16,9 +18,9 @@ class _Programs(CacheInterface):
     """Compiled programs by the key of JAX."""
 
     def __init__(self, kept: Kept, path: str):
-        self.kept, self._path = kept, path
+        self.kept, self._path = kept, Path(path)
 
-    def get(self, key: str) -> bytes | None:
+    def get(self, key: str) -> bytes | None:  # pyright: ignore[reportIncompatibleMethodOverride] of JAX: no return type
         """The program of a key; None where it is to be compiled."""
         return self.kept.get(f"{key}.bin")
 

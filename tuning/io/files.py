@@ -35,11 +35,12 @@ def content(path: Path, most: int = LARGEST) -> bytes:
         OSError: it cannot be read, or is no regular file: a pipe or a device may never end.
         ValueError: it has more than `most` bytes.
     """
-    with open(os.open(path, os.O_RDONLY | NO_WAIT), "rb") as file:  # a pipe would wait for a writer
-        about = os.fstat(file.fileno())
-        if not stat.S_ISREG(about.st_mode):
-            kind = errno.EISDIR if stat.S_ISDIR(about.st_mode) else errno.EINVAL
-            raise OSError(kind, "it is a folder" if kind == errno.EISDIR else "it is no regular file", str(path))
+    number = os.open(path, os.O_RDONLY | NO_WAIT)  # a pipe would wait for a writer
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "it is a folder" if stat.S_ISDIR(mode) else "it is no regular file", str(path))
+    with open(number, "rb") as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise ValueError(f"it has more than {most} bytes: {path}")

@@ -103,7 +103,8 @@ def read_manifest(folder: Path) -> Manifest:
         spans = [tuple(span) for span in table.pop("shards")]
         del table["format"]
         table["metrics"] = {OLD_NAMES.get(name, name): unit for name, unit in table["metrics"].items()}
-        manifest = Manifest(**table | {name: tuple(table[name]) for name in ("names", "controllers")})
+        table |= {name: tuple(table[name]) for name in ("names", "controllers")}
+        manifest = Manifest(**table)
         _checked(manifest, spans)
         return manifest
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
