@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from typing import NamedTuple
+
+LONGEST = 200  # characters of a value in a message
 
 
 class Fault(NamedTuple):
@@ -15,8 +18,14 @@ class Fault(NamedTuple):
     source: str = ""
 
     def __str__(self) -> str:
-        """One line for a person."""
-        return f"{self.key} = {self.value}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
+        """One line for a person; of a value no more than what it takes to know it again."""
+        rule = re.sub(rf"\S{{{LONGEST},}}", lambda match: _short(match[0]), self.rule)  # that quotes the value
+        text = f"{_short(self.key)} = {_short(str(self.value))}: must be {rule}"
+        return text + (f" [{self.source}]" if self.source else "")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text)} characters)"
 
 
 class InputError(ValueError):

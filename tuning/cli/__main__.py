@@ -1,5 +1,5 @@
 """`python -m tuning.cli` is `agvjax`."""
 
-from .main import run
+from .start import run
 
 run()

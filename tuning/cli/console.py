@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import dataclasses
 import signal
@@ -12,7 +13,7 @@ from types import FrameType
 
 from tqdm import tqdm
 
-from agvjax import InputError
+from agvjax import Fault, InputError
 
 
 class RunFailed(Exception):
@@ -62,6 +63,20 @@ class Console:
                 bar.update()
 
             yield tick
+
+
+def unreadable(arguments: argparse.Namespace) -> list[Fault]:
+    """Options whose value is no text: a file name of other bytes could be written in no file of settings, no report."""
+    return [
+        Fault(f"--{name}", repr(text), "text in UTF-8")
+        for name, value in vars(arguments).items()
+        for text in (value if isinstance(value, list) else [value])
+        if isinstance(text, str) and (any(map(_surrogate, text)) or "\0" in text)
+    ]
+
+
+def _surrogate(letter: str) -> bool:
+    return 0xD800 <= ord(letter) <= 0xDFFF
 
 
 @contextlib.contextmanager

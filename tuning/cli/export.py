@@ -26,7 +26,9 @@ def run(arguments: argparse.Namespace) -> int:
     if name is not None and (wrong := names.faults(name)):
         raise InputError(wrong)
     jax.config.update("jax_enable_x64", True)
+    console = Console(arguments.quiet)
     compiled.keep_compiled()
+    compiled.listen(console.note)
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
     module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
     try:
@@ -36,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         rule = f"a law that can be exported ({error})"
         raise InputError([Fault("controller", found.provenance["law"][-1], rule)]) from error
-    out, console = new_folder(arguments.out, arguments.command), Console(arguments.quiet)
+    out = new_folder(arguments.out, arguments.command)
     for name, content in contents.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)

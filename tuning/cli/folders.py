@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import tempfile
 import time
@@ -17,19 +18,22 @@ from ..io import files
 def new_folder(name: str | None, command: str, config: Config | None = None) -> Path:
     """Make the folder to write to, which must be new or empty, and try to write there.
 
+    What a process that was killed has half written does not count.
+
     Args:
         name: of the folder; None for one under `runs` named by command and time.
         command: that writes there.
         config: written as `config.toml`; without it the folder stays empty.
     """
-    out = Path(name or f"runs/{command}-{time.strftime('%Y%m%d-%H%M%S')}")
     try:
+        out = _by_time(command) if name is None else Path(name)
         out.mkdir(parents=True, exist_ok=True)
-        taken = any(out.iterdir())
+        taken = not files.empty(out)
         if not taken:
             tempfile.TemporaryFile(dir=out, suffix=".part").close()
+            files.sweep_up(out)
     except (OSError, ValueError) as error:
-        raise InputError([Fault("--out", str(out), f"a folder that can be written ({error})")]) from error
+        raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error
     if taken:
         rule = "a new or empty folder: this one is not empty; choose another"
         rule += ", or add --resume to go on with the run in it" if command == "tune" else ""
@@ -39,14 +43,37 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
     return out
 
 
-def same_folder(name: str | None, config: Config) -> Path:
-    """The folder of a run to go on with; its settings must be those of `config`."""
+def _by_time(command: str) -> Path:
+    """A folder under `runs` that nobody else has made: two commands may begin in one second."""
+    name, more = f"runs/{command}-{time.strftime('%Y%m%d-%H%M%S')}", ""
+    for i in itertools.count(2):
+        try:
+            Path(name + more).mkdir(parents=True)
+            break
+        except FileExistsError:
+            more = f"-{i}"
+    return Path(name + more)
+
+
+def same_folder(name: str | None, command: str, config: Config) -> Path:
+    """The folder of a run to go on with; its settings must be those of `config`.
+
+    One that is there and empty is that of a run that was killed before it wrote anything: it begins.
+    """
     out = Path(name or os.devnull)
     try:
-        before = (out / "config.toml").read_text(encoding="utf-8")
+        if files.empty(out):
+            return new_folder(name, command, config)
+        before = files.text(out / "config.toml")
     except (OSError, ValueError) as error:
-        rule = "used with --out, the folder of a run: there is no config.toml in it"
+        rule = "used with --out, the folder of a run: there is no config.toml in it that can be read"
+        raise InputError([Fault("--resume", name or "without --out", f"{rule} ({error})")]) from error
+    try:
+        changed = difference(before, dump(config))
+    except ValueError as error:
+        rule = f"a run whose config.toml is whole; {out / 'config.toml'} is damaged ({error})"
         raise InputError([Fault("--resume", name, rule)]) from error
-    if before and (changed := difference(before, dump(config))):
+    if changed:
         raise InputError([Fault("--resume", name, f"the run that these settings began; changed: {changed}")])
+    files.sweep_up(out)
     return out

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
+import io
 import os
+import re
 import sys
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn, TextIO
 
 from ..export import FORMATS
+from .early import end_at_once
 
 
 class Option(NamedTuple):
@@ -24,6 +29,7 @@ class Command(NamedTuple):
 
     help: str
     options: tuple[Option, ...] = ()
+    example: str = "--out mine"
 
 
 def _option(*names: str, **keywords: Any) -> Option:
@@ -40,17 +46,17 @@ def _flag(name: str, help: str) -> Option:
 
 
 COMMON = (
-    _many("--config", "FILE.toml", "read settings; may be repeated"),
-    _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25"),
+    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car and robot are built in"),
+    _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
     _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
-    _option("--seed", type=int, help="seed of every random number"),
-    _option("--precision", type=int, choices=(32, 64), help="bits of a floating-point number"),
+    _option("--seed", type=int, help="seed of every random number (default: 0)"),
+    _option("--precision", type=int, choices=(32, 64), help="bits of a floating-point number (default: 64)"),
     _flag("--quiet", "print nothing but errors"),
 )
 SHARED = (
-    _option("--num-processes", type=int, metavar="N", help="how many processes share the work"),
-    _option("--process-id", type=int, metavar="K", help="which of them this is, from 0"),
+    _option("--num-processes", type=int, metavar="N", help="how many processes share the work (default: 1)"),
+    _option("--process-id", type=int, metavar="K", help="which of them this is, from 0 (default: 0)"),
 )
 SIMULATE = Command(
     "roll one vehicle out and write trajectory, metrics, figures",
@@ -79,8 +85,12 @@ SWEEP = Command(
     (
         _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
         _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
-        _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all"),
-        _option("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities"),
+        _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all (default: 1)"),
+        _option(
+            "--design",
+            metavar="NAME",
+            help="random, sobol, latin; saltelli or morris for sensitivities (default: random)",
+        ),
         _many("--controller", "FILE|LAW", "another controller beside the configured one"),
         *SHARED,
         _flag("--resume", "refuse to begin anew; the same command goes on by itself"),
@@ -103,7 +113,7 @@ EXPORT = Command(
     (
         _option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
         _option("--format", choices=FORMATS, required=True),
-        _option("--name", help="of files, functions and package"),
+        _option("--name", help="of files, functions and package (default: one for each format)"),
     ),
 )
 COMMANDS = {
@@ -120,19 +130,31 @@ COMMANDS = {
 }
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in at most so many characters, whatever was given."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        super().error(re.sub(r"\S{200,}", lambda match: f"{match[0][:200]} ... ({len(match[0])} characters)", message))
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands of `agvjax` with their options."""
     description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
-    top = argparse.ArgumentParser(prog="agvjax", description=description)
+    top = _Parser(prog="agvjax", description=description, epilog="agvjax COMMAND --help: the options of a command")
     top.set_defaults(coordinator=None)  # of the commands that have no such option
-    commands = top.add_subparsers(dest="command", required=True)
-    common = _with(argparse.ArgumentParser(add_help=False), COMMON)
+    top.add_argument("--version", action="store_true", help="print the version and end")
+    commands = top.add_subparsers(dest="command")
+    common = _with(_Parser(add_help=False), COMMON)
     for name, command in COMMANDS.items():
-        _with(commands.add_parser(name, help=command.help, parents=[common]), command.options)
+        summary = f"{command.help[0].upper()}{command.help[1:]}."
+        more = f"e.g. agvjax {name} {command.example}   All settings and their defaults: docs/configuration.md"
+        sub = commands.add_parser(name, help=command.help, description=summary, epilog=more, parents=[common])
+        _with(sub, command.options)
     return top
 
 
-def _with(parser: argparse.ArgumentParser, options: Sequence[Option]) -> argparse.ArgumentParser:
+def _with(parser: _Parser, options: Sequence[Option]) -> _Parser:
     for option in options:
         parser.add_argument(*option.names, **option.keywords)
     return parser
@@ -141,6 +163,9 @@ def _with(parser: argparse.ArgumentParser, options: Sequence[Option]) -> argpars
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code: 0 success, 1 a run that failed, 2 bad input, 130 interrupted."""
     arguments = parser().parse_args(argv)
+    if arguments.version or not arguments.command:
+        print(f"agvjax {_version()}" if arguments.version else parser().format_help(), end="\n" * arguments.version)
+        return 0
     # before JAX: compilers say more than a user can use, and of every program they kept that it is of another machine
     # (jaxlib 0.10 on processors with AVX-512, openxla/xla issue 44565); what fails comes as an exception all the same
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
@@ -148,9 +173,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         command = importlib.import_module(f".{arguments.command}", __package__)  # late: --help needs no JAX
         from agvjax import InputError
 
-        from .console import RunFailed, interrupts
+        from .console import RunFailed, interrupts, unreadable
 
         try:
+            if wrong := unreadable(arguments):
+                raise InputError(wrong)
             with interrupts() as signals:
                 code = command.run(arguments)
             if signals:  # and swallowed on the way
@@ -164,13 +191,40 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _version() -> str:
+    """The version of the package, read without importing JAX."""
+    text = (Path(__file__).parents[2] / "agvjax" / "__init__.py").read_text(encoding="utf-8")
+    match = re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE)
+    return match[1] if match else "of no known version"
+
+
+class _Reader(io.FileIO):
+    """A stream to whoever reads it: once nobody does, the command goes on in silence, its results are in files."""
+
+    def write(self, data: Any) -> int | None:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            return len(data)
+
+
+def _stream(stream: TextIO) -> TextIO:
+    """The stream that cannot fail for want of a reader, nor of letters in its encoding."""
+    binary = io.BufferedWriter(_Reader(stream.fileno(), "wb", closefd=False))
+    return io.TextIOWrapper(binary, stream.encoding, "backslashreplace", line_buffering=True)
+
+
 def _among_others() -> bool:
     processes = sys.modules.get("tuning.compute.processes")
-    return processes is not None and processes.joined()
+    return processes is not None and processes.entangled()
 
 
 def run() -> None:
     """The `agvjax` command."""
+    end_at_once()
+    with contextlib.suppress(AttributeError, OSError):  # closed streams
+        sys.stdout, sys.stderr = _stream(sys.stdout), _stream(sys.stderr)
     code = main()
     if code == 130 or (code and _among_others()):
         # Ctrl-C inside the compiler leaves it in a state that crashes the interpreter's shutdown; and JAX would wait

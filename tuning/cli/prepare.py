@@ -39,9 +39,9 @@ def configure(
     way = method(config.tune.optimizer)
     reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(config.tune.gains))
     speed = agvjax.tune_xla(reverse=reverse)
-    if arguments.coordinator is not None:
-        _meet(arguments.coordinator, arguments.process_id, arguments.num_processes)
+    _meet(arguments)
     console = Console(arguments.quiet or not processes.chief())
+    compiled.listen(console.note)
     if not speed.startswith("fast"):
         console.note(speed)
     for text in dict.fromkeys(old):
@@ -49,16 +49,28 @@ def configure(
     return config, console
 
 
-def _meet(coordinator: str, rank: int | None, count: int | None) -> None:
-    """Join the processes that tune together."""
-    place = rank_and_count(rank, count)
+def _meet(arguments: argparse.Namespace) -> None:
+    """Join the processes that tune together, if there are several."""
+    if arguments.command != "tune":
+        return
+    place, coordinator = rank_and_count(arguments.process_id, arguments.num_processes), arguments.coordinator
+    if coordinator is None:
+        if place is not None:
+            rule = "given with --coordinator HOST:PORT, where the processes meet"
+            raise InputError([Fault("--num-processes", arguments.num_processes, rule)])
+        return
+    host, _, port = coordinator.rpartition(":")
+    usable = host.strip("[]") and port.isascii() and port.isdecimal() and 0 < int(port[:6]) < 65536
+    if coordinator != "auto" and not usable:
+        raise InputError([Fault("--coordinator", repr(coordinator), "HOST:PORT, of process 0; or auto")])
     if place is None and coordinator != "auto":
         rule = "given with --coordinator HOST:PORT, and --process-id too"
         raise InputError([Fault("--num-processes", "none", rule)])
     rank, count = place or (None, None)
+    Console(arguments.quiet).note(f"waiting up to {processes.MEETING} s for the other processes")
     try:
         processes.join(coordinator, count, rank)
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError, OSError) as error:
         raise RunFailed(f"the processes did not meet at {coordinator}: {error}") from error
 
 

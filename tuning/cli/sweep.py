@@ -45,8 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
             work.run(out, manifest, plan, judges, int(place * manifest.shards), tick)
         except OSError as error:
             done = sum(shards.path_of(out, i).exists() for i in range(manifest.shards))
-            text = f"a shard could not be written to {out} ({error}); {done} of {manifest.shards} are kept: make room"
-            raise RunFailed(f"{text} and give the same command again") from error
+            text = f"a shard could not be written to {out} ({error}); {done} of {manifest.shards} are kept"
+            raise RunFailed(f"{text}: mend that and give the same command again, it goes on") from error
     conclude(config, out, manifest, plan, laws, judges, console.say)
     return 0
 

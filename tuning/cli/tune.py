@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _folder(arguments: argparse.Namespace, config: Config) -> Path:
     if arguments.resume:
-        return same_folder(arguments.out, config)
+        return same_folder(arguments.out, arguments.command, config)
     return new_folder(arguments.out, arguments.command, config)
 
 

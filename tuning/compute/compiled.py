@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -19,20 +20,66 @@ from jaxtyping import PyTree
 
 import agvjax
 
-from ..io import files
+from .kept import Kept, private
 
 T = TypeVar("T")
 
 
-def folder() -> Path:
-    """Where all this is kept: `agvjax` under XDG_CACHE_HOME or ~/.cache. Safe to delete."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "agvjax"
+def folder() -> Path | None:
+    """Where all this is kept, safe to delete: `agvjax` under XDG_CACHE_HOME or ~/.cache. None: no such place."""
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "agvjax"
+    except RuntimeError:  # a user without a home
+        return None
+
+
+class _Notes:
+    """What a user should know of the places; each text once, and those that come early when somebody listens."""
+
+    def __init__(self) -> None:
+        self.texts: dict[str, bool] = {}  # whether it was told
+        self.listener: Callable[[str], None] | None = None
+
+    def say(self, text: str) -> None:
+        self.texts.setdefault(text, False)
+        if self.listener is not None and not self.texts[text]:
+            self.texts[text] = True
+            self.listener(text)
+
+
+_NOTES = _Notes()
+
+
+def listen(note: Callable[[str], None]) -> None:
+    """Tell `note`, once, of a place that cannot be used, and of files there that were damaged."""
+    _NOTES.listener = note
+    for text in list(_NOTES.texts):
+        _NOTES.say(text)
+
+
+@functools.cache
+def _traces() -> Kept:
+    return _kept("traces")
 
 
 def keep_compiled() -> None:
     """Let JAX keep what it compiles, even if that took no time; in a folder for each kind of processor."""
-    jax.config.update("jax_compilation_cache_dir", str(folder() / f"xla-{_machine()}"))
+    kept = _kept(f"programs-{_machine()}")
+    jax.config.update("jax_compilation_cache_dir", None if kept.folder is None else str(kept.folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    with contextlib.suppress(ImportError):  # a release that has it elsewhere keeps what it compiles by itself
+        from ._jax_cache import let_jax_keep
+
+        let_jax_keep(kept)
+
+
+def _kept(name: str) -> Kept:
+    """A folder of this name, or none where it would not be safe."""
+    root = folder()
+    why = "there is no home folder, and XDG_CACHE_HOME is not set" if root is None else private(root, name)
+    if why:
+        _NOTES.say(f"what is compiled is not kept, every start compiles again: {why}")
+    return Kept(None if root is None or why else root / name, _NOTES.say)
 
 
 def traced(function: Callable[..., T], settings: str, *example: PyTree) -> Callable[..., T]:
@@ -43,18 +90,15 @@ def traced(function: Callable[..., T], settings: str, *example: PyTree) -> Calla
         settings: all that shapes the trace besides the code and the versions of the libraries.
         example: arguments of the right shapes and dtypes.
     """
-    path = folder() / "traces" / f"{_key(settings)}.bin"
-    if path.exists():
+    name = f"{_key(settings)}.bin"
+    trace = _traces().get(name)
+    if trace is not None:
         try:
-            return _committed(export.deserialize(bytearray(path.read_bytes())), example)
-        except Exception:  # damaged, or of a build that only looks the same: trace again
-            path.unlink(missing_ok=True)
+            return _committed(export.deserialize(bytearray(trace)), example)
+        except Exception:  # of a build that only looks the same: trace again
+            _traces().drop(name)
     module = export.export(jax.jit(function))(*example)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        files.write(path, bytes(module.serialize()))
-    except OSError:  # no place to keep it: the next start traces again
-        pass
+    _traces().put(name, bytes(module.serialize()))
     return _committed(module, example)
 
 

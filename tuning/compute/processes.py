@@ -6,7 +6,9 @@ Arguments of what they compute together must be NumPy arrays, the same in every 
 from __future__ import annotations
 
 import contextlib
+import socket
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,11 +16,17 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+MEETING = 120  # s that processes wait for each other before the first computation
 HEARTBEAT = 20  # s without a sign of life after which a process is given up, and with it the run
+
+_MEETINGS: list[threading.Thread] = []
 
 
 def join(coordinator: str | None, count: int | None, rank: int | None) -> None:
     """Meet the other processes, before JAX is first used.
+
+    JAX would wait in silence and then abort the process where they do not come: it waits in a thread of its own, which
+    `entangled` then says of.
 
     Args:
         coordinator: `host:port` of process 0; "auto" for what JAX finds out from SLURM, Open MPI or Kubernetes.
@@ -26,15 +34,50 @@ def join(coordinator: str | None, count: int | None, rank: int | None) -> None:
         rank: which of them this is, from 0; None where JAX finds it out.
 
     Raises:
-        RuntimeError, ValueError: they did not meet, or JAX cannot find out what is not given.
+        RuntimeError, ValueError: they did not meet within MEETING, or JAX cannot find out what is not given.
+        OSError: another program of this machine has the port.
     """
     address = None if coordinator == "auto" else coordinator
-    jax.distributed.initialize(address, count, rank, heartbeat_timeout_seconds=HEARTBEAT)
+    if rank == 0 and address is not None:
+        _try(int(address.rpartition(":")[2]))
+    failures: list[Exception] = []
+
+    def meet() -> None:
+        try:
+            long = 100 * MEETING  # JAX ends the process then
+            jax.distributed.initialize(
+                address, count, rank, initialization_timeout=long, heartbeat_timeout_seconds=HEARTBEAT
+            )
+        except Exception as error:  # raised where it is waited for
+            failures.append(error)
+
+    thread = threading.Thread(target=meet, daemon=True)
+    _MEETINGS.append(thread)
+    thread.start()
+    thread.join(MEETING)
+    if thread.is_alive():
+        raise RuntimeError(f"not all of them were there within {MEETING} s")
+    if failures:
+        raise failures[0]
+
+
+def _try(port: int) -> None:
+    """Listen at a port, as JAX will: where another does, JAX crashes."""
+    family = socket.AF_INET6 if socket.has_ipv6 else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as place:
+        place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        place.bind(("", port))
+        place.listen()
 
 
 def joined() -> bool:
     """Whether other processes compute with this one."""
     return jax.distributed.is_initialized() and jax.process_count() > 1
+
+
+def entangled() -> bool:
+    """Whether other processes were met or waited for, so that JAX would wait for them when this one ends."""
+    return bool(_MEETINGS)
 
 
 def chief() -> bool:

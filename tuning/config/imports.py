@@ -18,6 +18,7 @@ from agvjax import Fault, InputError
 from agvjax.protocols import Disturbance, Element, Heading, Law, Plant, Sensor
 from agvjax.protocols import Path as ReferencePath
 
+from ..io import files
 from .names import CLASSES, Classes
 from .spellings import Toml
 
@@ -98,8 +99,8 @@ def _places(cls: type) -> tuple[str, ...]:
 
 def _load(path: str) -> File:
     try:
-        content = Path(path).read_bytes()
-    except OSError as error:
+        content = files.content(Path(path))
+    except (OSError, ValueError) as error:
         raise _wrong(path, f"a readable file ({error})") from error
     digest, name = hashlib.sha256(content).hexdigest(), Path(path).name
     if digest in _FILES:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import agvjax
 
+from ..io.files import text
+from ..io.plain import DEEPEST, toml
 from .imports import claim, classes, load_files
 from .old import present, warned
 from .read import Reader
@@ -77,22 +80,34 @@ def _rules(command: str) -> Rules:
 def parsed(name: str) -> dict[str, Toml]:
     """The table of a file or of a preset."""
     try:
-        file = PRESETS / f"{name}.toml" if name in BUILT_IN else Path(name)
-        return tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        return toml(text(PRESETS / f"{name}.toml" if name in BUILT_IN else Path(name)))
+    except (OSError, ValueError) as error:
         rule = f"a readable TOML file, or one of {', '.join(BUILT_IN)} ({error})"
         raise agvjax.InputError([agvjax.Fault("--config", name, rule)]) from error
 
 
-def _override(text: str) -> Toml:
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip() or "\n" in text:
-        raise agvjax.InputError([agvjax.Fault("--set", repr(text), "key=value")])
+def _override(setting: str) -> Toml:
+    key, equals, value = setting.partition("=")
+    if not equals or not key.strip() or "\n" in setting:
+        raise agvjax.InputError([agvjax.Fault("--set", repr(setting), "key=value")])
     try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
+        if key.count(".") > DEEPEST:
+            raise ValueError(f"a key of more than {DEEPEST} parts")
+        parsed = toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
-        parsed = value.strip()  # a bare word is a string
+        parsed = _loose(value.strip())
+    except ValueError as error:  # integers of thousands of digits, or nested without end
+        raise agvjax.InputError([agvjax.Fault("--set", repr(setting), f"key=value ({error})")]) from error
     return _nested(key.strip(), parsed)
+
+
+def _loose(value: str) -> Toml:
+    """A value that is no TOML: numbers as a person may write them, .3 or 5., alone or in a list; else a bare word."""
+    numbers = re.sub(r"(?<![\w.])\.(?=\d)", "0.", re.sub(r"(?<=\d)\.(?![\d.])", ".0", value))
+    try:
+        return value if numbers == value or re.search("[\"']", value) else toml(f"value = {numbers}")["value"]
+    except ValueError:
+        return value
 
 
 def _nested(key: str, value: Toml) -> Toml:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import tomllib
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from agvjax.metric_table import OLD_NAMES
 
+from ..io.plain import toml
 from .spellings import Toml, flat
 
 T = TypeVar("T", bound=type)
@@ -76,8 +76,12 @@ def gathered_keywords(**homes: type) -> Callable[[T], T]:
 
 
 def difference(old: str, new: str) -> str:
-    """What differs between two configurations in TOML, of this release or of earlier ones, in words; empty: nothing."""
-    before, now = (dict(flat(present(tomllib.loads(text), lambda name: None), ())) for text in (old, new))
+    """What differs between two configurations in TOML, of this release or of earlier ones, in words; empty: nothing.
+
+    Raises:
+        ValueError: one of them is no TOML.
+    """
+    before, now = (dict(flat(present(toml(text), lambda name: None), ())) for text in (old, new))
     gone = {key for key, value in before.items() if key in RETIRED and not value}
     keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key) and key not in gone]
     lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]

@@ -22,7 +22,8 @@ from agvjax.paths.heading import reference
 
 from .. import config as configuration
 from ..config.settings import Config
-from ..io.files import Json, finite
+from ..io.files import Json, finite, text
+from ..io.plain import toml
 
 INSTANTS = 1001  # of the path, at which its speed is looked at
 MET = "tuning met all its limits"
@@ -50,8 +51,8 @@ def read(
     """
     path = Path(gains_file)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        table = tomllib.loads(text)
+        content = text(path)
+        table = toml(content)
     except (OSError, ValueError) as error:
         raise InputError([Fault("GAINS.toml", gains_file, f"a readable TOML file of gains ({error})")]) from error
     law = table.get("controller")
@@ -66,7 +67,7 @@ def read(
         raise InputError([Fault("controller", type(config.controller).__name__, rule)])
     controller = agvjax.check(config.controller)
     known = bool(files) or whole
-    stated = configuration.dump(config) if known else text
+    stated = configuration.dump(config) if known else content
     verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
     return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known) | verdict))
 

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import files
+
+LARGEST = 500_000_000  # bytes of a log
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
@@ -92,7 +95,7 @@ def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, 
 def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
     """The rows that are not empty, each with its line number in the file; at least the header."""
     try:
-        text = Path(file).read_text(encoding="utf-8-sig")
+        text = files.text(Path(file), LARGEST)
     except UnicodeDecodeError as error:
         raise ValueError(f"{file} is no text file in UTF-8") from error
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have

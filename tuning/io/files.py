@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import errno
 import io
 import json
 import os
-import platform
+import stat
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -14,15 +16,50 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .marks import lives, mark, silent
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
 Json = dict[str, Any]  # a table of a JSON file
+
+
+LARGEST = 10_000_000  # bytes of a file that is read as settings
+
+
+def content(path: Path, most: int = LARGEST) -> bytes:
+    """All bytes of a file.
+
+    Raises:
+        OSError: it cannot be read, or is no regular file: a pipe or a device may never end.
+        ValueError: it has more than `most` bytes.
+    """
+    number = os.open(path, os.O_RDONLY | NO_WAIT)  # a pipe would wait for a writer
+    mode = os.fstat(number).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "it is a folder" if stat.S_ISDIR(mode) else "it is no regular file", str(path))
+    with open(number, "rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"it has more than {most} bytes: {path}")
+    return data
+
+
+def text(path: Path, most: int = LARGEST) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark, its line ends as Python has them.
+
+    Raises:
+        OSError: as `content`.
+        ValueError: as `content`, or it is no text.
+    """
+    return io.TextIOWrapper(io.BytesIO(content(path, most)), encoding="utf-8-sig").read()
 
 
 def write(path: Path, data: str | bytes) -> None:
     """Write text or bytes."""
-    part = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.part")  # others may write the same file
+    part = path.with_name(f".{path.name}.{mark()}.part")  # others may write the same file
     try:
         with part.open("wb") as file:
             file.write(data.encode() if isinstance(data, str) else data)
@@ -32,6 +69,23 @@ def write(path: Path, data: str | bytes) -> None:
     except BaseException:  # Ctrl-C too
         part.unlink(missing_ok=True)
         raise
+
+
+def sweep_up(folder: Path) -> None:
+    """Remove what was half written by processes that are gone, or of which nothing was heard for long."""
+    for part in folder.glob(".*.part"):
+        with contextlib.suppress(OSError):
+            if _writer_lives(part) is False or silent(part):
+                part.unlink(missing_ok=True)
+
+
+def empty(folder: Path) -> bool:
+    """Whether a folder holds nothing but what was half written by processes that may be gone."""
+    return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in folder.iterdir())
+
+
+def _writer_lives(part: Path) -> bool | None:
+    return lives(part.name.removesuffix(".part").rpartition(".")[2])
 
 
 def write_by(path: Path, save: Callable[[BinaryIO], object]) -> None:

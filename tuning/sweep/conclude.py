@@ -10,7 +10,7 @@ from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import html
-from . import figures, page, results, shards, verdict, work
+from . import claims, figures, page, results, verdict, work
 from .design import Design
 from .laws import Laws
 from .shards import Manifest
@@ -38,14 +38,14 @@ def conclude(
     """
     text = configuration.dump(config)
     while not _reported(folder, text):
-        with shards.locked(folder, "report") as ours:
+        with claims.locked(folder, "report") as ours:
             if ours and not _reported(folder, text):
                 (folder / "report.html").unlink(missing_ok=True)
                 files.write(folder / "config.toml", text)
                 say("looking at the results ...")
                 say(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder))
                 say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
-                shards.sweep_up(folder)
+                claims.sweep_up(folder)
                 return
         time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
     say(f"complete, with its report: {folder}/report.html")

@@ -108,6 +108,11 @@ class Design(NamedTuple):
         """The nominal value of a leaf."""
         return np.asarray(get(*self._home(leaf)), float)
 
+    @property
+    def leaf_shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of one value of every leaf that varies."""
+        return {name: self.nominal(name).shape for name in self.names}
+
     def nominal_of(self, target: Target) -> np.ndarray:
         """The nominal value of a target."""
         nominal = self.nominal(target.leaf)

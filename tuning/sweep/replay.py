@@ -10,7 +10,7 @@ import agvjax
 from agvjax import Fault, InputError
 
 from . import results, shards
-from .design import design, scene
+from .design import scene
 
 
 class Vehicle(NamedTuple):
@@ -36,13 +36,21 @@ def vehicle(folder: str, index: int | None, name: str | None = None, imports: Se
     try:
         manifest = shards.read_manifest(Path(folder))
     except ValueError as error:
-        raise InputError([Fault("--from", folder, f"the folder of a sweep ({error})")]) from error
+        raise _no_sweep(folder, error) from error
     if index is None or not 0 <= index < manifest.size:
         rule = f"from 0 to {manifest.size - 1}, the scenarios of the sweep"
         raise InputError([Fault("--index", "none" if index is None else index, rule)])
     if name is not None and name not in manifest.names:
         raise InputError([Fault("--controller", name, f"one of the sweep's: {', '.join(manifest.names)}")])
     config = results.config_of(manifest, imports)
-    swept, scenario = scene(design(config), index)
+    try:
+        plan = results.plan_of(manifest, config)
+    except ValueError as error:
+        raise _no_sweep(folder, error) from error
+    swept, scenario = scene(plan, index)
     controller = results.controller_of(manifest, manifest.names.index(name) if name is not None else 0, imports)
     return Vehicle(agvjax.replace(controller, swept), scenario, config.simulate.horizon)
+
+
+def _no_sweep(folder: str, error: ValueError) -> InputError:
+    return InputError([Fault("--from", folder, f"the folder of a sweep ({error})")])

@@ -97,19 +97,19 @@ def load(folder: str | Path, imports: Sequence[str] = ()) -> Results:
         imports: files of the classes of one's own that it names; they are executed.
 
     Raises:
-        ValueError: the folder holds no sweep, or shards of it are missing or damaged; the message names them.
+        ValueError: the folder holds no whole manifest, or shards of it are missing or damaged; the message names them.
     """
     folder = Path(folder)
     manifest = shards.read_manifest(folder)
     config = config_of(manifest, imports)
-    return collect(folder, manifest, config, design(config))
+    return collect(folder, manifest, config, plan_of(manifest, config))
 
 
 def collect(folder: Path, manifest: Manifest, config: Config, plan: Design) -> Results:
     """The results in a folder whose sweep is known; raises as `load`."""
-    missing, whole = [], {}
+    missing, whole, shapes = [], {}, plan.leaf_shapes
     for i in range(manifest.shards):
-        arrays, (first, count) = shards.read_shard(folder, manifest, i), manifest.span(i)
+        arrays, (first, count) = shards.read_shard(folder, manifest, i, shapes), manifest.span(i)
         if arrays is None:
             missing.append(i)
             continue
@@ -129,6 +129,18 @@ def collect(folder: Path, manifest: Manifest, config: Config, plan: Design) -> R
         metrics=_Metrics({name: whole[f"result/{name}"] for name in manifest.metrics}),
         leaves={name: whole[f"leaf/{name}"] for name in manifest.leaves},
     )
+
+
+def plan_of(manifest: Manifest, config: Config) -> Design:
+    """The scenarios of a manifest whose configuration is `config`.
+
+    Raises:
+        ValueError: size or leaves of the manifest are not those of the configuration.
+    """
+    plan = design(config)
+    if manifest.size != plan.size or set(manifest.leaves) != set(plan.names):
+        raise ValueError(f"{shards.MANIFEST}: its size or leaves are not those of its own configuration: damaged")
+    return plan
 
 
 def config_of(manifest: Manifest, imports: Sequence[str] = ()) -> Config:

@@ -1,20 +1,13 @@
-"""The folder of a sweep: a manifest, numbered shards, and claims by which processes keep out of each other's way.
-
-Processes need nothing but this folder. A claim only saves work: two that compute the same shard write the same bytes.
-"""
+"""The folder of a sweep: a manifest and numbered shards. Processes need nothing but this folder."""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import importlib.metadata
 import io
 import json
-import os
-import platform
-import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,11 +18,11 @@ import agvjax
 from agvjax.metric_table import OLD_NAMES
 
 from ..config.old import difference
-from ..io import files
+from ..io import files, plain
 
-MANIFEST, CLAIM = "manifest.json", "claim"
+MANIFEST = "manifest.json"
 FORMAT = 1
-BEAT, STALE = 20.0, 120.0  # s between signs of life of a claim, and of silence after which another takes it
+LARGEST_MANIFEST = 1_000_000_000  # bytes
 BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 OLD_ARRAYS = {f"result/{old}": f"result/{new}" for old, new in OLD_NAMES.items()}  # in shards of earlier releases
@@ -69,34 +62,71 @@ def manifest(
     config: str, seed: int, laws: Mapping[str, str], size: int, shard: int, **units: dict[str, str]
 ) -> Manifest:
     """The manifest of a sweep; `units` are those of its `metrics` and `leaves`."""
-    digest = hashlib.sha256(json.dumps([FORMAT, config, list(laws.items())]).encode()).hexdigest()[:32]
+    digest = _digest(config, laws.items())
     versions = {name: importlib.metadata.version(name) for name in PACKAGES} | {"agvjax": agvjax.__version__}
     return Manifest(
         digest, size, shard, tuple(laws), tuple(laws.values()), config=config, seed=seed, versions=versions, **units
     )
 
 
+def _digest(config: str, laws: Iterable[tuple[str, str]]) -> str:
+    return hashlib.sha256(json.dumps([FORMAT, config, list(laws)]).encode()).hexdigest()[:32]
+
+
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """`manifest.json`; processes that begin at once write the same."""
+    table = _table(manifest)
+    files.write_json(folder / MANIFEST, {**table, "sha256": _sum(table)})
+
+
+def _table(manifest: Manifest) -> files.Json:
     spans = [manifest.span(i) for i in range(manifest.shards)]
-    files.write_json(folder / MANIFEST, {"format": FORMAT, **manifest._asdict(), "shards": spans})
+    return {"format": FORMAT, **manifest._asdict(), "shards": spans}
+
+
+def _sum(table: files.Json) -> str:
+    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
 
 def read_manifest(folder: Path) -> Manifest:
     """The manifest of a folder.
 
     Raises:
-        ValueError: there is none, or it is no manifest of this release; the message says which.
+        ValueError: there is none, or it is damaged, or no manifest of this release; the message says which.
     """
     try:
-        table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if table.pop("format") != FORMAT:
+        table: files.Json = plain.from_json(files.text(folder / MANIFEST, LARGEST_MANIFEST))
+        if not isinstance(table, dict) or table.get("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT}")
-        del table["shards"]
+        if table.pop("sha256", None) not in (None, _sum(table)):  # None: of an earlier release
+            raise ValueError("its content is not what its sha256 is of: damaged or edited")
+        spans = [tuple(span) for span in table.pop("shards")]
+        del table["format"]
         table["metrics"] = {OLD_NAMES.get(name, name): unit for name, unit in table["metrics"].items()}
-        return Manifest(**table | {name: tuple(table[name]) for name in ("names", "controllers")})
+        table |= {name: tuple(table[name]) for name in ("names", "controllers")}
+        manifest = Manifest(**table)
+        _checked(manifest, spans)
+        return manifest
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{folder} holds no sweep of this release ({type(error).__name__}: {error})") from error
+        raise ValueError(
+            f"{folder / MANIFEST} holds no sweep of this release ({type(error).__name__}: {error})"
+        ) from error
+
+
+def _checked(manifest: Manifest, spans: list[tuple[int, int]]) -> None:
+    """Refuse what no sweep could have written."""
+    texts = (manifest.digest, manifest.config, *manifest.names, *manifest.controllers)
+    tables = (manifest.metrics, manifest.leaves, manifest.versions)
+    texts += tuple(text for table in tables for pair in table.items() for text in pair)
+    counts = (manifest.size, manifest.shard)
+    if not all(isinstance(text, str) for text in texts) or not all(type(n) is int and n > 0 for n in counts):
+        raise ValueError("damaged: texts must be texts, size and shard whole numbers > 0")
+    if type(manifest.seed) is not int or not manifest.names or len(set(manifest.names)) < len(manifest.controllers):
+        raise ValueError("damaged: seed must be a whole number, every controller must have a name of its own")
+    if manifest.digest != _digest(manifest.config, zip(manifest.names, manifest.controllers, strict=True)):
+        raise ValueError("damaged or edited: its digest is not that of its names, config and controllers")
+    if len(spans) != manifest.shards or spans != [manifest.span(i) for i in range(len(spans))]:
+        raise ValueError("damaged: its shards are not those of size and shard")
 
 
 def taken_up(before: Manifest, asked: Manifest) -> Manifest:
@@ -128,78 +158,42 @@ def write_shard(
     files.write_npz(path_of(folder, shard), arrays)
 
 
-def read_shard(folder: Path, manifest: Manifest, shard: int) -> dict[str, np.ndarray] | None:
-    """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep."""
+def read_shard(
+    folder: Path, manifest: Manifest, shard: int, leaves: Mapping[str, tuple[int, ...]] | None = None
+) -> dict[str, np.ndarray] | None:
+    """The arrays of a shard, every byte of it checked; None if it is absent, cut short, damaged or of another sweep.
+
+    Args:
+        folder: of the sweep.
+        manifest: of the sweep.
+        shard: its number.
+        leaves: the shape of one value of each leaf that varies, where that is to be checked too.
+    """
     try:
         with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
             arrays = {OLD_ARRAYS.get(name, str(name)): file[name] for name in file}  # zip knows a checksum of each
         about = tuple(arrays.pop(name) for name in ("digest", "first", "count"))
         names = {"result/ok", *(f"result/{n}" for n in manifest.metrics), *(f"leaf/{n}" for n in manifest.leaves)}
-        return arrays if about == (manifest.digest, *manifest.span(shard)) and names == set(arrays) else None
+        whole = about == (manifest.digest, *manifest.span(shard)) and names == set(arrays)
+        return arrays if whole and _fitting(manifest, shard, arrays, leaves) else None
     except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         return None
 
 
-class Claim:
-    """The right to compute one shard, or to write the report: a file that a thread touches as long as it is ours."""
-
-    def __init__(self, folder: Path, name: str):
-        self.path = folder / f"{name}.{CLAIM}"
-        self.name = f"{platform.node()} {os.getpid()}"
-        self._done = threading.Event()
-
-    def take(self) -> bool:
-        """Whether it is ours now; one that is held by a process that is gone is taken over."""
-        if self.path.exists() and self.abandoned():
-            self.path.unlink(missing_ok=True)
-        try:
-            with self.path.open("x") as file:
-                file.write(self.name)
-        except FileExistsError:
+def _fitting(
+    manifest: Manifest, shard: int, arrays: Mapping[str, np.ndarray], leaves: Mapping[str, tuple[int, ...]] | None
+) -> bool:
+    """Whether arrays have the shapes and dtypes that the sweep writes."""
+    _, count = manifest.span(shard)
+    for name, array in arrays.items():
+        kind = "b" if name == "result/ok" else "f"
+        shape: tuple[int, ...] = (len(manifest.names), count)
+        if name.startswith("leaf/"):
+            leaf = name.removeprefix("leaf/")
+            shape = (count, *(array.shape[1:] if leaves is None else leaves[leaf]))
+        if array.dtype.kind != kind or array.shape != shape:
             return False
-        threading.Thread(target=self._live, daemon=True).start()
-        return True
-
-    def release(self) -> None:
-        """Give the claim back."""
-        self._done.set()
-        with contextlib.suppress(OSError):
-            self.path.unlink(missing_ok=True)
-
-    def _live(self) -> None:
-        while not self._done.wait(BEAT):
-            with contextlib.suppress(OSError):
-                os.utime(self.path)
-
-    def abandoned(self) -> bool:
-        """Whether its holder is gone, or has been silent for long."""
-        with contextlib.suppress(OSError, ValueError):
-            age = time.time() - self.path.stat().st_mtime
-            host, _, process = self.path.read_text().rpartition(" ")
-            return age > STALE or (host == platform.node() and not _alive(int(process)))
-        return False  # gone, or not written yet: the next look will tell
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return process != os.getpid()  # a number used again by ourselves
-
-
-@contextlib.contextmanager
-def locked(folder: Path, name: str) -> Iterator[bool]:
-    """Whether this process has the claim now; it is given back in the end."""
-    claim = Claim(folder, name)
-    ours = claim.take()
-    try:
-        yield ours
-    finally:
-        if ours:
-            claim.release()
+    return True
 
 
 def just_begun(folder: Path, manifest: Manifest) -> bool:
@@ -213,16 +207,3 @@ def just_begun(folder: Path, manifest: Manifest) -> bool:
             return False
         time.sleep(0.1)
     return True
-
-
-def sweep_up(folder: Path) -> None:
-    """Remove what processes that are gone left lying."""
-    for part in folder.glob(".*.part"):
-        with contextlib.suppress(OSError, ValueError):
-            host, _, process = part.name.removesuffix(".part").rpartition("-")
-            gone = host.endswith(f".{platform.node()}") and not _alive(int(process))
-            if gone or time.time() - part.stat().st_mtime > STALE:
-                part.unlink(missing_ok=True)
-    for path in folder.glob(f"*.{CLAIM}"):
-        if Claim(folder, path.stem).abandoned():
-            path.unlink(missing_ok=True)

@@ -19,7 +19,7 @@ from agvjax.protocols import Law
 
 from .. import config as configuration
 from ..config.settings import Config
-from . import results, shards
+from . import claims, results, shards
 from .design import SENSITIVITY, Design, Leaves, design
 from .results import Results
 from .rules import faults
@@ -131,7 +131,7 @@ def run(
         offset: the shard to begin with; processes that begin at different ones meet late.
         tick: called with the number of scenarios that are done, whoever did them.
     """
-    missing = [i for i in range(manifest.shards) if shards.read_shard(folder, manifest, i) is None]
+    missing = [i for i in range(manifest.shards) if shards.read_shard(folder, manifest, i, plan.leaf_shapes) is None]
     order = sorted(missing, key=lambda i: (i - offset) % manifest.shards)
     tick(manifest.size - sum(manifest.span(i)[1] for i in order))
     mine, damaged = 0, {i for i in missing if shards.path_of(folder, i).exists()}
@@ -143,7 +143,7 @@ def run(
         left = []
         for i in order:
             if not there(i):
-                with shards.locked(folder, f"shard-{i:05d}") as ours:
+                with claims.locked(folder, f"shard-{i:05d}") as ours:
                     if not ours:
                         left.append(i)
                         continue

@@ -12,13 +12,14 @@ import jax
 import numpy as np
 
 from agvjax import Fault, InputError
-from agvjax.metric_table import OLD_NAMES
+from agvjax.metric_table import METRICS, OLD_NAMES
 
 from ..config import dump, gains_table
 from ..io.files import write, write_csv, write_npz
 from .methods.method import Progress
 from .problem import TuningProblem
 from .rounds import COLUMNS, Round, Run, begin
+from .tuner import HISTORY
 
 CHECKPOINT, LOG = "checkpoint.npz", "metrics.jsonl"
 COUNTS = ("round", "start", "iteration", "latched", "clipped", "backed_out", "rollouts")
@@ -33,6 +34,7 @@ class Recorder:
         if (folder / CHECKPOINT).exists():
             try:
                 self.run = load(folder, self.run)
+                _suited(self.run, problem, folder / CHECKPOINT)
             except ValueError as error:
                 rule = f"a run with a whole checkpoint ({error})"
                 raise InputError([Fault("--resume", str(folder), rule)]) from error
@@ -94,6 +96,8 @@ def load(folder: Path, fresh: Run) -> Run:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             saved = dict(file)
         searches = tuple(_search(saved, i, fresh.searches[0]) for i in range(int(saved["searches"])))
+        if not searches or int(saved["round"]) < 0:
+            raise ValueError("it holds no search")
         return Run(
             round=int(saved["round"]),
             searches=searches,
@@ -106,7 +110,29 @@ def load(folder: Path, fresh: Run) -> Run:
 
 
 def _round(number: int, metric: str, best: float, worst_found: float) -> Round:
-    return Round(number, OLD_NAMES.get(metric, metric), best, worst_found)
+    metric = OLD_NAMES.get(metric, metric)
+    if metric not in METRICS:
+        raise ValueError(f"it holds a metric that nobody knows, {metric!r}")
+    return Round(int(number), metric, float(best), float(worst_found))
+
+
+def _row(row: np.ndarray, width: int) -> tuple[float, ...]:
+    if len(row) != width:
+        raise ValueError(f"it holds a row of history with {len(row)} numbers where the problem has {width}")
+    return tuple(map(float, row))
+
+
+def _suited(run: Run, problem: TuningProblem, path: Path) -> None:
+    """Refuse history and scenarios that the problem could not have come to."""
+    for row in run.past:
+        _row(np.asarray(row), len(COLUMNS) + len(problem.tuner.gains.names))
+    batch, places = problem.tuner.batch, problem.tuner.batch.size - problem.config.ensemble.size
+    counts = {len(values) if np.ndim(values) else -1 for values in run.added.values()}
+    if run.added and (set(run.added) != set(batch.names) or len(counts) > 1 or not 0 < max(counts) <= places):
+        raise ValueError(f"{path} holds scenarios of another ensemble")
+    for name, values in run.added.items():
+        if values.dtype.kind != "f" or values.shape[1:] != np.shape(batch.values[name])[1:]:
+            raise ValueError(f"{path} holds values of {name} of shape {values.shape[1:]}, {values.dtype}")
 
 
 def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
@@ -118,7 +144,10 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     values |= {name: _same(values[name], fresh.z) for name in ("z", "sound_z", "best_z")}
     counts = ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
     values |= {name: int(values[name]) for name in counts}
-    values |= {"best": tuple(map(float, values["best"])), "history": [tuple(map(float, r)) for r in values["history"]]}
+    if min(values[name] for name in counts) < 0:
+        raise ValueError("it holds a count below 0")
+    best, worse = map(float, values["best"])
+    values |= {"best": (best, worse), "history": [_row(r, len(HISTORY) + fresh.z.size) for r in values["history"]]}
     return Progress(optimiser=jax.tree.unflatten(treedef, state), **values)
 
 

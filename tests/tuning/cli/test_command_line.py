@@ -2,8 +2,10 @@
 
 import csv
 import json
+import os
 import shutil
 import signal
+import socket
 import time
 import tomllib
 
@@ -15,6 +17,7 @@ import agvjax
 from commands import FAST, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
+from tuning.config.load import _override
 
 TUNE = [*FAST, *SHORT_TUNE, "tune.clip=1", "tune.iterations=1500", "tune.patience=2000", "ensemble.size=8"]
 FIGURES = {"simulate": ("path", "errors", "commands"), "tune": ("nominal", "worst", "history", "sensitivity")}
@@ -495,8 +498,152 @@ def test_resuming_needs_the_folder_of_a_run(refused, tmp_path, monkeypatch):
     refused(arguments("tune", none, ["simulate.horizon=1"], "--resume"), str(none))
 
 
+def test_without_a_command_help_is_printed_and_the_version_on_request(capsys):
+    assert cli.main([]) == 0
+    assert "usage: agvjax" in capsys.readouterr().out
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"agvjax {agvjax.__version__}\n"
+
+
+@pytest.mark.parametrize("module", ["tuning", "tuning.cli"])
+def test_the_package_is_the_command(module):
+    assert run(["--version"], program=("-m", module))[0] == f"agvjax {agvjax.__version__}\n"
+
+
 @pytest.mark.parametrize(
-    "argv", [[], ["fly"], ["simulate", "--seed", "x"], ["tune", "--precision", "16"], ["simulate", "--resume"]]
+    ("text", "value"),
+    [(".3", 0.3), ("-.3", -0.3), ("5.", 5.0), ("+.5e1", 5.0), ("[.1, -.2, 3.]", [0.1, -0.2, 3.0]), ("1.5", 1.5)],
+)
+def test_numbers_may_be_set_as_a_person_writes_them(text, value):
+    assert _override(f"a.b={text}") == {"a": {"b": value}}
+
+
+@pytest.mark.parametrize("text", ["rk4", "./a.csv", "a.3", "v1.", "'.3'", "..", "1.2.3", ".3.", "a.b"])
+def test_words_with_dots_stay_words(text):
+    assert _override(f"a={text}") == {"a": text.strip("'")}
+
+
+NOT_FILES = {"/dev/zero": "no regular file", "/dev/null": "no regular file", ".": "folder", "pipe": "no regular file"}
+
+
+@pytest.mark.parametrize("place", NOT_FILES)
+def test_what_is_no_regular_file_is_refused_wherever_a_file_is_asked_for(place, refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    words = place, NOT_FILES[place]
+    refused(["simulate", "--config", place], *words)
+    refused(["simulate", "--import", place], *words)
+    refused(["export", place, "--format", "c"], *words)
+    refused(["identify", place, "--config", "unicycle"], place)
+    refused(["simulate", "--set", f'scenario.path={{type="waypoints", file="{place}"}}'], place)
+
+
+DEEP = {
+    "dotted": b"a." * 100_000 + b"b = 1",
+    "dotted table": b"[" + b"a." * 100_000 + b"b]",
+    "lists": b"a = " + b"[" * 50_000,
+    "closed lists": b"a = " + b"[" * 200 + b"]" * 200,
+    "tables": b"a = " + b"{a=" * 300 + b"1" + b"}" * 300,
+    "digits": b"seed = " + b"1" * 5000,
+}
+
+
+@pytest.mark.parametrize("kind", DEEP)
+def test_what_would_take_all_of_the_stack_or_for_ever_is_refused(kind, refused, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(DEEP[kind])
+    refused(["simulate", "--config", str(path)], "--config", str(path))
+    refused(["export", str(path), "--format", "c"], "GAINS.toml", str(path))
+    said = refused(["simulate", "--set", DEEP[kind].decode().replace(" ", "")])
+    assert len(said) < 2000
+
+
+def test_a_value_is_said_again_in_few_letters(refused, capsys):
+    said = refused(
+        ["simulate", "--set", "controller.k1=" + 50_000 * "x", "--set", 3000 * "y" + "=1"], "50002 characters"
+    )
+    assert len(said) < 2000
+    with pytest.raises(SystemExit):
+        cli.main(["simulate", "--seed", 50_000 * "x"])
+    assert len(capsys.readouterr().err) < 5000
+
+
+@pytest.mark.parametrize("option", ["--out", "--config", "--set", "--import"])
+def test_bytes_that_are_no_text_are_refused_at_once(option, refused):
+    refused(["simulate", option, "a=\udcff"], option, "UTF-8")
+
+
+@pytest.mark.parametrize(
+    "place", ["localhost", "localhost:", ":1234", "localhost:port", "h:0", "h:65536", "[]:1", "h:١"]
+)
+def test_a_coordinator_without_host_or_port_is_refused(place, refused):
+    argv = ["tune", "--coordinator", place, "--num-processes", "2", "--process-id", "0"]
+    refused(argv, "--coordinator", "HOST:PORT")
+
+
+def test_several_processes_must_be_told_where_they_meet(refused, monkeypatch):
+    refused(["tune", "--num-processes", "2", "--process-id", "0"], "--num-processes", "--coordinator HOST:PORT")
+
+
+MEET = """
+import sys
+from tuning.compute import processes
+from tuning.cli import main
+processes.MEETING = 2
+sys.argv = ["agvjax", "tune", "--out", sys.argv[1], "--coordinator", "127.0.0.1:" + sys.argv[2], *sys.argv[3:]]
+main.run()
+"""
+
+
+@pytest.mark.parametrize("rank", ["0", "1"])
+def test_processes_that_do_not_come_are_waited_for_no_longer_than_said(rank, tmp_path):
+    with socket.socket() as place:
+        place.bind(("", 0))
+        port = str(place.getsockname()[1])
+    argv = [str(tmp_path / "out"), port, "--num-processes", "2", "--process-id", rank]
+    said, err = run(argv, 1, program=("-c", MEET))
+    assert "waiting up to 2 s" in said
+    assert (
+        err.strip()
+        == f"agvjax tune: the processes did not meet at 127.0.0.1:{port}: not all of them were there within 2 s"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_port_that_another_program_has_is_said(tmp_path):
+    with socket.socket(socket.AF_INET6) as place:
+        place.bind(("", 0))
+        place.listen()
+        port = str(place.getsockname()[1])
+        argv = [str(tmp_path / "out"), port, "--num-processes", "2", "--process-id", "0"]
+        assert "in use" in run(argv, 1, program=("-c", MEET))[1]
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.4, 0.8])
+def test_ctrl_c_while_libraries_are_imported_ends_the_command_at_once(delay, tmp_path):
+    process = start(["simulate", "--out", str(tmp_path / "out")], program=("-m", "tuning"))
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Traceback" not in err
+    assert err in ("agvjax: interrupted\n", "agvjax simulate: interrupted\n")
+
+
+def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
+    process = start(arguments("simulate", tmp_path / "out", FAST))
+    process.stdout.close()
+    process.stderr.close()
+    assert process.wait(timeout=300) == 0
+    assert (tmp_path / "out" / "trajectory.npz").exists()
+
+
+def test_letters_that_an_encoding_lacks_are_spelled(tmp_path):
+    said, _ = run(arguments("simulate", tmp_path / "é", FAST), PYTHONIOENCODING="ascii")
+    assert "/\\xe9" in said
+
+
+@pytest.mark.parametrize(
+    "argv", [["fly"], ["simulate", "--seed", "x"], ["tune", "--precision", "16"], ["simulate", "--resume"]]
 )
 def test_options_that_do_not_exist_exit_with_2(argv, capsys):
     with pytest.raises(SystemExit) as stop:

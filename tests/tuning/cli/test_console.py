@@ -1,13 +1,16 @@
 """What a command says, and the folders that it makes."""
 
 import contextlib
+import subprocess
+import sys
 
 import pytest
 
 from agvjax import Fault, InputError
 from tuning.cli.console import Console, RunFailed, failing
-from tuning.cli.folders import new_folder
+from tuning.cli.folders import new_folder, same_folder
 from tuning.config import Config, load
+from tuning.io import marks
 
 
 def test_a_quiet_console_prints_nothing(capsys):
@@ -45,3 +48,53 @@ def test_a_folder_is_named_by_command_and_time(tmp_path):
     with contextlib.chdir(tmp_path):
         out = new_folder(None, "simulate")
         assert out.is_dir() and str(out).startswith("runs/simulate-2")
+
+
+def test_two_commands_of_one_second_have_two_folders(tmp_path, monkeypatch):
+    monkeypatch.setattr("time.strftime", lambda form: "20260101-000000")
+    with contextlib.chdir(tmp_path):
+        names = [str(new_folder(None, "simulate", Config())) for _ in range(3)]
+    assert names == [f"runs/simulate-20260101-000000{more}" for more in ("", "-2", "-3")]
+
+
+HALF = (".config.toml.elsewhere-1.part", ".config.toml.0123456789ab-1-01234567.part")
+
+
+@pytest.mark.parametrize("name", HALF)
+def test_a_folder_with_nothing_but_files_half_written_is_empty(name, tmp_path):
+    (tmp_path / name).write_text("seed = ")
+    assert new_folder(str(tmp_path), "tune", Config(seed=3)) == tmp_path
+    assert load([str(tmp_path / "config.toml")]).seed == 3
+
+
+@pytest.mark.parametrize("name", HALF)
+def test_a_run_that_was_killed_before_it_wrote_anything_begins_by_resume(name, tmp_path):
+    (tmp_path / name).write_text("seed = ")
+    assert same_folder(str(tmp_path), "tune", Config(seed=3)) == tmp_path
+    assert same_folder(str(tmp_path), "tune", Config(seed=3)) == tmp_path
+    with pytest.raises(InputError, match="was `seed = 3`"):
+        same_folder(str(tmp_path), "tune", Config(seed=4))
+
+
+def test_a_folder_in_which_another_process_writes_now_is_not_empty(tmp_path):
+    (tmp_path / f".config.toml.{marks.mark()}.part").touch()
+    with pytest.raises(InputError, match="not empty"):
+        new_folder(str(tmp_path), "tune")
+
+
+def test_files_half_written_by_a_run_that_was_killed_are_swept_up_when_it_goes_on(tmp_path):
+    out = new_folder(str(tmp_path), "tune", Config())
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    place, _, chance = marks.mark().split("-")
+    (out / f".checkpoint.npz.{place}-{gone.pid}-{chance}.part").touch()
+    same_folder(str(out), "tune", Config())
+    assert [path.name for path in out.iterdir()] == ["config.toml"]
+
+
+@pytest.mark.parametrize("damage", [b"", b"x =", b"\xff", b"seed = 1\nseed = 2", b"a." * 1000 + b"b = 1", b"tune = 3"])
+def test_a_damaged_configuration_is_named_when_a_run_is_to_go_on(damage, tmp_path):
+    (tmp_path / "config.toml").write_bytes(damage)
+    with pytest.raises(InputError, match=r"--resume = .*must be"):
+        same_folder(str(tmp_path), "tune", Config())
+    assert (tmp_path / "config.toml").read_bytes() == damage

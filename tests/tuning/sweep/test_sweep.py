@@ -1,10 +1,12 @@
 """Sweeps: which scenarios, what is known of them, and how they survive whatever happens to a process or a disk."""
 
 import dataclasses
+import json
 import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +21,8 @@ from tuning import config as configuration
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
-from tuning.sweep import figures, findings, radius, results, shards, verdict, work
+from tuning.io import marks
+from tuning.sweep import claims, figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 from tuning.sweep.laws import named
 
@@ -179,24 +182,117 @@ def test_a_shard_of_another_sweep_is_none(small, tmp_path):
         shards.read_manifest(tmp_path)
 
 
-def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path, monkeypatch):
+def test_a_manifest_that_no_sweep_wrote_is_refused(small, tmp_path):
+    """Damaged by hand, with the checksum made right where it would be the first to say so."""
+    rolled(tmp_path, small)
+    whole = json.loads((tmp_path / shards.MANIFEST).read_text())
+    del whole["sha256"]  # as of an earlier release
+    wrong = {"size": ("64", 0, -1, 1.5, 10**12, None), "shard": ("x", 0, [], 8), "names": ([], ["a", "b"], "a", [1])}
+    wrong |= {"controllers": (["other"], [], 3, [3]), "config": ("seed = 1", 3), "digest": ("", 5), "seed": ("1", 0.5)}
+    wrong |= {"metrics": ([], {"a": 1}), "leaves": (3,), "versions": (["x"],), "shards": ([], 3, [[0, 1]], [[0, "1"]])}
+    wrong |= {"format": (2, None), "other": (1,)}
+    forged = [json.dumps({**whole, key: value}) for key, values in wrong.items() for value in values]
+    forged += [json.dumps({k: v for k, v in whole.items() if k != key}) for key in whole]
+    forged += ["[" * 100000, "[]", "3", "", "{", '{"format": 1}', "\0", json.dumps(whole)[:-20]]
+    forged += [json.dumps({**whole, "versions": {}, "sha256": "0" * 64})]
+    for text in forged:
+        (tmp_path / shards.MANIFEST).write_text(text)
+        with pytest.raises(ValueError, match="manifest.json holds no sweep"):
+            shards.read_manifest(tmp_path)
+    (tmp_path / shards.MANIFEST).write_text(json.dumps(whole))
+    shards.read_manifest(tmp_path)
+
+
+def test_an_edited_manifest_does_not_pass_its_checksum(small, tmp_path):
+    rolled(tmp_path, small)
+    text = (tmp_path / shards.MANIFEST).read_text()
+    for old, new in (('"size": ', '"size": 1'), ('"jax": "', '"jax": "1'), ('"seed": ', '"seed": 1')):
+        assert old in text
+        (tmp_path / shards.MANIFEST).write_text(text.replace(old, new))
+        with pytest.raises(ValueError, match=r"manifest\.json holds no sweep"):
+            shards.read_manifest(tmp_path)
+
+
+def test_a_shard_of_another_shape_or_dtype_is_none(small, tmp_path):
+    _, plan, _ = small
+    manifest, _ = rolled(tmp_path, small)
+    with np.load(shards.path_of(tmp_path, 0), allow_pickle=False) as file:
+        whole = dict(file)
+    shapes = plan.leaf_shapes
+    assert shards.read_shard(tmp_path, manifest, 0, shapes) is not None
+    for name, value in whole.items():
+        if "/" in name:
+            for other in (value[:-1], value.astype(complex), value.astype(str), np.array(0.5), value[..., None]):
+                np.savez(shards.path_of(tmp_path, 0), **{**whole, name: other})
+                assert shards.read_shard(tmp_path, manifest, 0, shapes) is None, (name, other.dtype, other.shape)
+
+
+def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    claim = shards.Claim(tmp_path, "shard-00000")
-    host = os.uname().nodename
+    claim = claims.Claim(tmp_path, "shard-00000")
+    place, number, chance = claim.mark.split("-")
+    other = ("0" if place[0] != "0" else "1") + place[1:]  # a container that counts its own processes, another host
+    day = 86400
     for holder, age, free in (
-        (f"{host} {gone.pid}", 0, True),
-        (f"{host} {os.getppid()}", 0, False),
-        (f"{host} {os.getppid()}", 1000, True),  # silent for long: another process has its number by now
-        ("elsewhere 1", 1000, True),
-        ("elsewhere 1", 0, False),
+        (f"{place}-{gone.pid}-{chance}", 0, True),
+        (f"{place}-{os.getppid()}-{chance}", 0, False),
+        (f"{place}-{os.getppid()}-{chance}", 1000, True),  # silent for long: another process has its number by now
+        (f"{place}-{number}-{'0' * 8}", 0, True),  # our number, before us
+        (f"{other}-{gone.pid}-{chance}", 0, False),
+        (f"{other}-{number}-{chance}", 0, False),
+        (f"{other}-1-{chance}", 1000, True),
+        (f"{other}-1-{chance}", -day, True),  # dated in the future: clocks were set
+        ("", 0, False),  # not written yet
+        ("", 1000, True),
+        ("elsewhere 12", 0, False),
+        (f"{place}-{10**30}-{chance}", 0, False),
+        (f"{place}-{10**30}-{chance}", 1000, True),
+        ("\udcff\udcfe", 0, False),
+        ("\udcff\udcfe", 1000, True),
     ):
-        claim.path.write_text(holder)
+        claim.path.write_bytes(os.fsencode(holder))
         os.utime(claim.path, (time.time() - age,) * 2)
-        assert claim.take() is free, holder
-        assert claim.path.read_text() == (claim.name if free else holder)
+        assert claim.take() is free, (holder, age)
+        assert os.fsdecode(claim.path.read_bytes()) == (claim.mark if free else holder)
+        claim.held.clear()
     claim.release()
     assert not claim.path.exists()
+
+
+def test_a_claim_that_another_has_taken_over_is_left_to_it(tmp_path):
+    late, other = claims.Claim(tmp_path, "report"), claims.Claim(tmp_path, "report")
+    assert late.take()
+    assert not other.take()  # of the same process, by another thread
+    os.utime(late.path, (time.time() - 1000,) * 2)  # as of a process that was stopped for long
+    assert other.take()
+    late.release()
+    assert other.path.read_text() == other.mark
+    other.release()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link to nothing"])
+def test_what_lies_in_the_place_of_a_claim_and_is_none_is_said(kind, tmp_path):
+    path = tmp_path / "shard-00000.claim"
+    {"folder": Path.mkdir, "pipe": os.mkfifo, "link to nothing": lambda p: p.symlink_to("absent")}[kind](path)
+    with pytest.raises(OSError, match="no file: remove it.*shard-00000.claim"):
+        claims.Claim(tmp_path, "shard-00000").take()
+    claims.sweep_up(tmp_path)
+    assert path.is_symlink() or path.exists()
+
+
+def test_only_what_is_nobodys_is_swept_up(tmp_path):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    place, number, chance = marks.mark().split("-")
+    kept = {f".a.npz.{place}-{number}-{chance}.part", ".a.npz.elsewhere-12.part", "a.part", ".a.npz"}
+    old = {".b.npz.elsewhere-12.part", f".a.npz.{place}-{gone.pid}-{chance}.part"}
+    for name in kept | old:
+        (tmp_path / name).touch()
+    os.utime(tmp_path / ".b.npz.elsewhere-12.part", (0, 0))
+    claims.sweep_up(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept
 
 
 # ----------------------------------------------------------------------------------------------------------- findings

@@ -290,3 +290,32 @@ def test_a_run_that_diverges_is_named_with_its_step():
     starts_beyond = {"start.position": Between(0.0, 2000.0)}
     found = diagnose(pose(problem(draws=starts_beyond)).tuner)
     assert found.diverged >= 1 and found.sick[0].step == 0 and "scenario.limit" in found.sick[0].what
+
+
+OPTIONS = {
+    "noisy_sgd": ({}, "tune.optimizer"),  # its state is a key of random numbers
+    "adam": ({"b1": float("nan")}, "tune.options.b1"),
+    "adamw": ({"b2": 2.0}, "tune.options.b2"),
+    "nadam": ({"b2": 1.0}, "tune.options.b2"),
+    "adabelief": ({"eps": -1.0}, "tune.options.eps"),
+    "rmsprop": ({"decay": -0.1}, "tune.options.decay"),
+    "sgd": ({"momentum": float("inf")}, "tune.options.momentum"),
+    "prodigy": ({"betas": [0.9, 1.5]}, "tune.options.betas"),
+    "lion": ({"mu_dtype": "bfloat16"}, "tune.optimizer"),  # which no .npz file can hold
+    "lbfgs": ({"memory_size": 0}, "tune.options.memory_size"),
+    "sign_sgd": ({"nonsense": 1.0}, "tune.optimizer"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:Specifying a key:UserWarning")  # of noisy_sgd
+@pytest.mark.parametrize("name", OPTIONS)
+def test_an_optimiser_or_an_option_that_cannot_work_is_refused(name):
+    options, key = OPTIONS[name]
+    with pytest.raises(InputError) as refusal:
+        configuration.check(problem(optimizer=name, options=options), faults)
+    assert [fault.key for fault in refusal.value.faults] == [key]
+
+
+@pytest.mark.parametrize("name", ["adam", "adamw", "sgd", "lion", "rmsprop", "lbfgs", "adabelief", "prodigy"])
+def test_optimisers_whose_state_can_be_kept_are_accepted(name):
+    configuration.check(problem(optimizer=name), faults)

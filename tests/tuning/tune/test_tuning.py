@@ -1,6 +1,7 @@
 """Tuning: coordinates, stability bounds, ensembles, objective, the optimiser's loop and its checkpoints."""
 
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
@@ -536,6 +537,29 @@ def test_a_checkpoint_keeps_every_start_and_what_was_found(small, solved, tmp_pa
     assert (back.round, back.rounds, back.past) == (2, rounds, ((0.0, 0.0, 1.5),))
     same(back.added, added)
     same_search(back.searches[1], other)
+
+
+DAMAGES = {
+    "a metric that nobody knows": {"rounds": json.dumps([[0, "<b>x</b>", 1.0, 1.0]])},
+    "rounds of words": {"rounds": json.dumps([["0", "total_rmse", "a", "b"]])},
+    "rounds that are no list": {"rounds": "3"},
+    "history of other gains": {"0/history": np.zeros((2, 3))},
+    "no search": {"searches": 0},
+    "more searches than there are": {"searches": 2},
+    "a best of three": {"0/best": np.zeros(3)},
+    "a count below 0": {"0/iteration": -3},
+    "a count that is an array": {"0/iteration": np.zeros(2)},
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_checkpoint_that_no_run_wrote_is_refused(damage, small, solved, tmp_path):
+    keep(tmp_path, solved)
+    with np.load(tmp_path / CHECKPOINT, allow_pickle=False) as file:
+        whole = dict(file)
+    np.savez(tmp_path / CHECKPOINT, **whole | DAMAGES[damage])
+    with pytest.raises(ValueError, match=CHECKPOINT):
+        kept(tmp_path, small.begin())
 
 
 def test_resuming_gives_the_history_of_an_uninterrupted_run(small, tmp_path):

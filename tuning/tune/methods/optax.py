@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jaxtyping import Array, PyTree
 
@@ -18,10 +21,14 @@ from ...compute.processes import gathered
 from .method import Look, Method, Progress, Scenarios, halfway
 
 if TYPE_CHECKING:
-    import numpy as np
+    from ...config.settings import Config, Tune
 
-    from ...config.settings import Config
-
+ANY = (-sys.float_info.max, math.inf, "finite")
+OPTIONS = {  # from, below, in words: options of one name mean the same in all of optax
+    ("b1", "b2", "b3", "beta3", "betas", "decay", "rho", "momentum", "decay_rate"): (0.0, 1.0, "from 0, below 1"),
+    ("eps", "eps_root", "weight_decay", "weight_decay_rate", "initial_accumulator_value"): (0.0, math.inf, ">= 0"),
+    ("memory_size", "update_interval", "rank", "ns_steps"): (1, math.inf, ">= 1"),
+}
 LINE_SEARCH = "lbfgs"  # searches along a line by itself: nothing is clipped and no rate decays
 
 
@@ -31,12 +38,7 @@ class Optax(Method):
     @functools.cached_property
     def transformation(self) -> optax.GradientTransformationExtraArgs:
         """Of optax: clipping, then the optimiser with a cosine decay of its learning rate over the run."""
-        settings = self.settings
-        maker = find_optimizer(settings.optimizer)
-        if settings.optimizer == LINE_SEARCH:
-            return maker(**settings.options)
-        schedule = optax.cosine_decay_schedule(settings.learning_rate, max(1, settings.iterations))
-        return optax.chain(optax.clip_by_global_norm(settings.clip), maker(schedule, **settings.options))
+        return _transformation(self.settings)
 
     def begin(self, z: Array, scenarios: int) -> PyTree:
         """The state of the transformation."""
@@ -73,20 +75,50 @@ class Optax(Method):
 
     @classmethod
     def faults(cls, config: Config) -> list[Fault]:
-        """An optimiser that optax lacks, or that more than a cost, its gradient and the options would have to drive."""
-        name, options = config.tune.optimizer, config.tune.options
+        """An optimiser that optax lacks, or that needs more than a cost, its gradient and options, or that forgets."""
+        name, wrong = config.tune.optimizer, _options(config.tune.options)
+        if wrong:
+            return wrong
         try:
-            maker = find_optimizer(name)(1.0, **options)
+            maker = _transformation(config.tune)
         except Exception as error:  # optax and its optimisers raise whatever they meet
             rule = f"sqp, or an optimiser of optax that takes a learning rate, and options it knows ({error})"
             return [Fault("tune.optimizer", name, rule)]
         point = jax.ShapeDtypeStruct((2,), jnp.result_type(float))  # not an array: processes meet before JAX computes
         try:
-            jax.eval_shape(lambda z: _updated(maker, z, maker.init(z), z, jnp.sum(z), jnp.sum), point)
+            _, state = jax.eval_shape(lambda z: _updated(maker, z, maker.init(z), z, jnp.sum(z), jnp.sum), point)
         except Exception as error:  # as above
             rule = f"an optimiser of optax that needs no more than a cost, its gradient and these options ({error})"
             return [Fault("tune.optimizer", name, rule)]
+        kinds = {str(leaf.dtype) for leaf in jax.tree.leaves(state) if not _plain(leaf.dtype)}
+        if kinds:
+            rule = f"an optimiser of optax whose state a checkpoint can keep; it holds {', '.join(sorted(kinds))}"
+            return [Fault("tune.optimizer", name, rule)]
         return []
+
+
+def _transformation(settings: Tune) -> optax.GradientTransformationExtraArgs:
+    maker = find_optimizer(settings.optimizer)
+    if settings.optimizer == LINE_SEARCH:
+        return maker(**settings.options)
+    schedule = optax.cosine_decay_schedule(settings.learning_rate, max(1, settings.iterations))
+    return optax.chain(optax.clip_by_global_norm(settings.clip), maker(schedule, **settings.options))
+
+
+def _plain(dtype: np.dtype) -> bool:
+    """Whether arrays of this dtype are the same after a file: no keys of random numbers, no halves of jax's own."""
+    return not jnp.issubdtype(dtype, jax.dtypes.extended) and np.dtype(dtype).isbuiltin == 1
+
+
+def _options(options: Mapping[str, Any]) -> list[Fault]:
+    """Numbers that no optimiser means: it would begin, and never leave the starting gains or go astray."""
+    wrong = []
+    for name, value in options.items():
+        numbers = [x for x in (value if isinstance(value, list) else [value]) if isinstance(x, (int, float))]
+        low, high, rule = next((r for names, r in OPTIONS.items() if name.removeprefix("adam_") in names), ANY)
+        if not all(low <= x < high for x in numbers):
+            wrong.append(Fault(f"tune.options.{name}", value, rule))
+    return wrong
 
 
 def find_optimizer(name: str) -> Callable[..., Any]:

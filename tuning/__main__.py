@@ -1,0 +1,5 @@
+"""`python -m tuning` is `agvjax`."""
+
+from .cli.start import run
+
+run()

@@ -1,0 +1,35 @@
+"""What JAX compiles, kept by us: its own files carry no checksum, and it never replaces one that is damaged.
+
+JAX has no public way to say where compiled programs are kept but a folder; what is used here has been the same from
+0.8 to 0.11.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jax._src import compilation_cache
+from jax._src.compilation_cache_interface import CacheInterface
+
+from .kept import Kept
+
+
+class _Programs(CacheInterface):
+    """Compiled programs by the key of JAX."""
+
+    def __init__(self, kept: Kept, path: str):
+        self.kept, self._path = kept, Path(path)
+
+    def get(self, key: str) -> bytes | None:  # pyright: ignore[reportIncompatibleMethodOverride] of JAX: no return type
+        """The program of a key; None where it is to be compiled."""
+        return self.kept.get(f"{key}.bin")
+
+    def put(self, key: str, value: bytes) -> None:
+        """Keep a program, in place of one that was of no use."""
+        self.kept.put(f"{key}.bin", value)
+
+
+def let_jax_keep(kept: Kept) -> None:
+    """From now on JAX keeps its programs there, whatever it compiled before."""
+    compilation_cache.get_file_cache = lambda path: (_Programs(kept, path), path)
+    compilation_cache.reset_cache()
