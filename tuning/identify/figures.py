@@ -41,7 +41,9 @@ def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figur
         assumed = np.array([float(getattr(scenario.deadzone[actuator], part)) for part in PARTS])
         best, drawn = assumed.copy(), np.tile(assumed, (DRAWN, 1))
         best[own] = fit.p[places]
-        widest = 4 * max(float(best[2:].max()), 1e-3)  # the deadzone and what is next to it
+        widest = max(
+            4 * float(best[2:].max()), 1.2 * float(np.abs(u).min()), 4e-3
+        )  # the deadzone and what is beside it
         grid = np.linspace(max(u.min(), -widest), min(u.max(), widest), 400)
         spread = np.array([verdict.estimates[i].deviation for i in places])
         eased = verdict.correlation[np.ix_(places, places)] * 0.999 + 0.001 * np.eye(len(places))

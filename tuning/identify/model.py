@@ -135,7 +135,7 @@ def compiled(model: Model) -> Says:
         taken = _solve(J[:, size:], both)
         left = both - J[:, size:] @ taken  # what the state cannot take up
         H = left.T @ left
-        after = s - jnp.asarray(SHARES, s.dtype)[:, None] * taken[:, size]
+        after = s[None] - jnp.outer(jnp.asarray(SHARES, s.dtype), taken[:, size])
         costs = jax.vmap(lambda z: jnp.sum((weight * model.residual(p, z, stretch)) ** 2))(after)
         better = jnp.nan_to_num(costs, nan=jnp.inf) < r @ r
         states = jnp.where(better.any(), after[jnp.argmax(better)], s)

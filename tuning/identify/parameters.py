@@ -112,11 +112,10 @@ def largest(logs: Sequence[Log], name: str) -> float:
 # long: one kind of number after the other
 def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float, memory: float) -> Parameter:
     value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_of(scenario, name)
-    assumed = f"less; scenario.{name}, {value:.4g}, says around what it is looked for"
-    ends = assumed, f"more{assumed[4:]}"
+    around = f"assume another scenario.{name} than {value:.4g}, around which it is looked for, or check units and model"
     if last.startswith("slope_"):
         low, high = min(0.02, 0.1 * value), max(50.0, 10 * value)
-        return Parameter(name, unit, value, low, high, max(1.0, value), 0.0, *ends)
+        return Parameter(name, unit, value, low, high, max(1.0, value), 0.0, around, around)
     if last.startswith("threshold_"):
         most = max(largest(logs, name), 1e-3)
         beyond = (
@@ -125,9 +124,9 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
         return Parameter(name, unit, min(value, 0.9 * most), 0.0, most, 0.5 * most, 0.05 * most, "", beyond)
     if name.startswith("disturbance.") and last != "omega":
         high = 10.0 * max(1.0, abs(value))
-        return Parameter(name, unit, value, -high, high, 1.0, 0.02, *ends)
+        return Parameter(name, unit, value, -high, high, 1.0, 0.02, around, around)
     if name == OMEGA:
-        return Parameter(name, unit, value, min(0.01, 0.1 * value), max(30.0, 3 * value), 1.0, 0.0, *ends)
+        return Parameter(name, unit, value, min(0.01, 0.1 * value), max(30.0, 3 * value), 1.0, 0.0, around, around)
     if name.startswith("actuators.") and last in ("time", "time_constant"):
         late = last == "time"
         low, high = (0.0, memory) if late else (substep / 2, LONGEST * memory)
@@ -141,8 +140,8 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
     low = value - 20 * size if not sign else 0.02 * size if above else 0.0
     high = min(value + 20 * size, np.inf if rule is None else rule.high)
     shift = ": shift the pose to a point further ahead of the axle" if last == "L" else ""
-    least = f"it must be above 0{shift}; or {ends[0]}" if above else "" if sign else ends[0]
-    return Parameter(name, unit, value, low, high, size, 0.0, least, "" if rule and high == rule.high else ends[1])
+    least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
+    return Parameter(name, unit, value, low, high, size, 0.0, least, "" if rule and high == rule.high else around)
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

@@ -210,7 +210,7 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
     best = min(off, key=lambda reading: off[reading])
     if off[AS_GIVEN] > WRONG and off[best] < WRONG / 2:
         return best
-    turned, middle = np.asarray(wrap(heading[last] - heading[first])), heading[(first + last) // 2]
-    straight = np.abs(np.sin(np.arctan2(moved[:, 1], moved[:, 0]) - middle))[np.abs(turned) < SHARP]
+    turned, middle = np.arcsin(np.sin(0.5 * (heading[last] - heading[first]))), heading[(first + last) // 2]
+    straight = np.abs(np.sin(np.arctan2(moved[:, 1], moved[:, 0]) - middle))[np.abs(turned) < SHARP / 2]
     astray = straight.size >= FEW and np.median(straight) > WRONG
     return HeadingReading(False, ASTRAY) if off[AS_GIVEN] > WRONG and astray else AS_GIVEN

@@ -16,6 +16,7 @@ Z95 = 1.959964  # of a normal distribution
 PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
 SHARPER = 0.5  # of the width of what is believed without the log
 FELT = 3.0  # standard deviations that its size, or what is believed of it, must change the log by to be excited
+CHECKED = "the same drive with the unit and sign of the commands, and the model, checked"
 NEAR = 1e-3  # of where a parameter was looked for: at its edge
 STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
 ALIKE = 0.8  # correlation from which two parameters are named together
@@ -160,7 +161,7 @@ def _estimate(
         reason = "never excited: with any value the log would look the same"
     elif words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
         identified, reason = False, words
-        drive += "; the unit and sign of the commands, and the model, checked"
+        drive = drive if ".threshold_" in q.name else CHECKED
     elif not identified and value - q.low < NEAR * (q.high - q.low):
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:

@@ -31,6 +31,7 @@ class Column(NamedTuple):
     nanoseconds: str = ""
 
 
+# long: the checks stand in their order
 def read(
     file: str | Path,
     columns: Sequence[str],
@@ -66,10 +67,10 @@ def read(
     for line, cells in rows[1:]:
         if len(cells) != len(header):
             raise ValueError(f"{file}, row {line}: must have {len(header)} cells like its header; it has {len(cells)}")
-    table = {
-        name: np.array([_cell(file, line, name, cells[header.index(name)], name in blank) for line, cells in rows[1:]])
-        for name in wanted
-    }
+    table = {}
+    for name in wanted:
+        at, empty = header.index(name), name in blank
+        table[name] = np.array([_cell(file, line, name, cells[at], empty) for line, cells in rows[1:]])
     if nanoseconds:
         table[time] = table[time] + 1e-9 * _within_a_second(file, rows, nanoseconds, table[nanoseconds])
     if time in table:
