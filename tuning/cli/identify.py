@@ -19,8 +19,8 @@ from .prepare import configure
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit the logs, judge, predict, suggest a drive; write report, estimates and the scenario to tune for."""
-    more = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None
-    config, console = configure(arguments, faults, more)
+    wishes = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None
+    config, console = configure(arguments, faults, wishes)
     settings = config.identify
     if arguments.unseen and not arguments.logs:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
@@ -29,16 +29,18 @@ def run(arguments: argparse.Namespace) -> int:
     posed = task(arguments.logs, config) if arguments.logs else None
     unseen = room.to_predict(arguments.unseen, config, posed) if posed else ()
     out = new_folder(arguments.out, arguments.command)
+    more = ""
     try:
         with console.parts(settings.drives + (settings.starts + ROUNDS if posed else 0)) as tick:
             if posed is None:
                 text = page.write_drive(room.first_drive(config, tick), out)
             else:
-                text = page.write(config, room.identified(config, posed, unseen, tick), out)
+                result = room.identified(config, posed, unseen, tick)
+                text, more = page.write(config, result, out), f"; begin with {out}/report.html"
+                more += f", go on with agvjax tune --config {out}/scenario.toml" if result.verdict.identified else ""
     except InputError:
         out.rmdir()  # nothing was written yet
         raise
     files.write(out / "config.toml", configuration.dump(config))
-    more = f"; begin with {out}/report.html, go on with agvjax tune --config {out}/scenario.toml" if posed else ""
     console.say(text, f"written to {out}{more}")
     return 0

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TextIO
 
 from ..export import FORMATS
+from ..io.numbers import integer
 from .early import end_at_once
 
 
@@ -50,20 +51,20 @@ COMMON = (
     _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
     _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
-    _option("--seed", type=int, help="seed of every random number (default: 0)"),
-    _option("--precision", type=int, choices=(32, 64), help="bits of a floating-point number (default: 64)"),
+    _option("--seed", type=integer, help="seed of every random number (default: 0)"),
+    _option("--precision", type=integer, choices=(32, 64), help="bits of a floating-point number (default: 64)"),
     _flag("--quiet", "print nothing but errors"),
 )
 SHARED = (
-    _option("--num-processes", type=int, metavar="N", help="how many processes share the work (default: 1)"),
-    _option("--process-id", type=int, metavar="K", help="which of them this is, from 0 (default: 0)"),
+    _option("--num-processes", type=integer, metavar="N", help="how many processes share the work (default: 1)"),
+    _option("--process-id", type=integer, metavar="K", help="which of them this is, from 0 (default: 0)"),
 )
 SIMULATE = Command(
     "roll one vehicle out and write trajectory, metrics, figures",
     (
         _flag("--animate", "draw the run as a moving picture, animation.gif"),
         _option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
-        _option("--index", type=int, metavar="N", help="which vehicle of the sweep"),
+        _option("--index", type=integer, metavar="N", help="which vehicle of the sweep"),
         _option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
     ),
 )
@@ -85,7 +86,9 @@ SWEEP = Command(
     (
         _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
         _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
-        _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all (default: 1)"),
+        _option(
+            "--samples", type=integer, metavar="N", help="scenarios at every node of the grid, or in all (default: 1)"
+        ),
         _option(
             "--design",
             metavar="NAME",

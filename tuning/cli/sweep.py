@@ -13,6 +13,7 @@ from agvjax import Fault, InputError
 from .. import config as configuration
 from ..config.codecs import Toml
 from ..io import files
+from ..io.numbers import INTEGER, integer, real
 from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
@@ -65,10 +66,10 @@ def _axis(text: str) -> dict[str, Toml]:
     rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
     try:
         if match := re.fullmatch(r"([^=*]+)=([^:]+)", text):
-            span: dict[str, Toml] = {"one_of": [float(x) for x in match[2].split(",")]}
+            span: dict[str, Toml] = {"one_of": [real(x) for x in match[2].split(",")]}
         elif match := re.fullmatch(r"([^=*]+)(\*?)=([^:,]+):([^:,]+)(?::([^:,]+))?", text):
-            span = {"times" if match[2] else "between": [float(match[3]), float(match[4])]}
-            span |= {"points": int(match[5])} if match[5] else {}
+            span = {"times" if match[2] else "between": [real(match[3]), real(match[4])]}
+            span |= {"points": integer(match[5])} if match[5] else {}
         else:
             raise ValueError
     except ValueError as error:
@@ -80,7 +81,7 @@ def _place(arguments: argparse.Namespace) -> float:
     """Where among the shards this process begins, from 0 to 1, by its options or what SLURM and Kubernetes say."""
     given = rank_and_count(arguments.process_id, arguments.num_processes)
     if given is None:
-        numbers = [os.environ[name] for name in PLACES if os.environ.get(name, "").isdecimal()]
+        numbers = [os.environ[name] for name in PLACES if INTEGER.fullmatch(os.environ.get(name, ""))]
         return int(numbers[0]) * (5**0.5 - 1) / 2 % 1 if numbers else 0.0  # spread evenly, however many there are
     rank, count = given
     if count > 1 and not arguments.out:

@@ -32,6 +32,10 @@ MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2*
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
 WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
 FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
+LONG = Rule("from 10^-3 to 10^4", lambda x: (x >= 1e-3) & (x <= 1e4))
+DURATION = Rule("from 0.1 to 3600", lambda x: (x >= 0.1) & (x <= 3600))
+MEMORY = Rule("from 10^-3 to 10", lambda x: (x >= 1e-3) & (x <= 10))
+PACE = Rule("from 10^-3 to 10^3", lambda x: (x >= 1e-3) & (x <= 1e3))
 SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
 
@@ -180,18 +184,18 @@ class Identify:
 
     fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
     columns: dict[str, Column] = dataclasses.field(default_factory=dict)  # of the log, where they have other names
-    segment: float = number(2.0, "s, of a stretch that begins in a state of its own", POSITIVE)
-    memory: float = number(0.5, "s, for which actuators remember commands", POSITIVE)
+    segment: float = number(2.0, "s, of a stretch that begins in a state of its own", LONG)
+    memory: float = number(0.5, "s, for which actuators remember commands", MEMORY)
     gap: float = number(5.0, "usual steps between rows", FACTOR)
     outlier: float = number(6.0, "standard deviations", FACTOR)
     starts: int = number(4, "1", STARTS)
     bootstrap: int = number(1000, "resampled logs", MANY)
-    horizon: float = number(5.0, "s, for which another log is predicted", POSITIVE)
+    horizon: float = number(5.0, "s, for which another log is predicted", LONG)
     drives: int = number(32, "candidates, 0 for no suggestion", DRIVES)
-    speed: float = number(0.6, "m/s, of a suggested drive at most", POSITIVE)
-    yaw_rate: float = number(1.2, "rad/s, of a suggested drive at most", POSITIVE)
-    extent: float = number(5.0, "m, of the room that a suggested drive takes", POSITIVE)
-    duration: float = number(60.0, "s, of a suggested drive", POSITIVE)
+    speed: float = number(0.6, "m/s, of a suggested drive at most", PACE)
+    yaw_rate: float = number(1.2, "rad/s, of a suggested drive at most", PACE)
+    extent: float = number(5.0, "m, of the room that a suggested drive takes", LONG)
+    duration: float = number(60.0, "s, of a suggested drive", DURATION)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

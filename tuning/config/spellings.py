@@ -104,11 +104,12 @@ def span(table: Toml, name: str = "") -> Span:
 def column(value: Toml, name: str) -> Column:
     """Where a quantity stands in a log; in a column of its own name unless another is said."""
     rule = '"the name of a column", or { column = "its name", unit = "deg", factor = -1 }, no factor 0'
+    rule += '; of t, a second one for nanoseconds = "its name"'
     table: Toml = {"column": value} if isinstance(value, str) else value
     if not isinstance(table, Mapping) or not set(table) <= set(Column._fields) or "." in name:
         raise ValueError(rule)
     place = Column(**{"column": name, **table})
-    words = isinstance(place.column, str) and isinstance(place.unit, str)
+    words = all(isinstance(word, str) for word in (place.column, place.unit, place.nanoseconds))
     if not words or not _number(place.factor) or not np.isfinite(place.factor) or place.factor == 0:
         raise ValueError(rule)
     return place
@@ -120,7 +121,7 @@ def _spelled_span(axis: Span) -> Toml:
 
 
 def _spelled_column(place: Column) -> Toml:
-    more = {name: x for name, x in (("unit", place.unit), ("factor", place.factor)) if x not in ("", 1.0)}
+    more = {name: x for name, x in place._asdict().items() if name != "column" and x not in ("", 1.0)}
     return {"column": place.column, **more} if more else place.column
 
 

@@ -92,7 +92,9 @@ class Designer:
                 heading, worth = log.measured["heading"], value
                 best = Drive(log.t, log.commands, log.inputs, path, heading, intervals, candidates)
             tick(f"drive {k + 1} of {candidates}")
-        assert best is not None
+        if best is None:
+            rule = "so low that the model of the vehicle can be computed along at least one of identify.drives"
+            raise agvjax.InputError([agvjax.Fault("identify.speed", self.room.speed, rule)])
         return best
 
     def driven(self, t: np.ndarray, inputs: np.ndarray) -> Log:

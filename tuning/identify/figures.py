@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agvjax import Deadzone
@@ -17,6 +18,7 @@ from .predict import Prediction
 from .verdict import FitVerdict
 
 DRAWN = 300  # deadzones that make a band
+ACROSS = 3  # pictures beside each other
 PLANE = {"aspect": "equal", "xlabel": "x [m]", "ylabel": "y [m]"}
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
@@ -25,28 +27,35 @@ def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figur
     """What each actuator delivers, with its band, above how often each command came; None where none was asked for."""
     names = [e.name for e in verdict.estimates]
     scenario = task.model.scenario
-    actuators = [a for a in scenario.plant.actuators if f"deadzone.{a}.slope_right" in names]
+    fitted = {a: [p for p in PARTS if f"deadzone.{a}.{p}" in names] for a in scenario.plant.actuators}
+    actuators = [a for a, parts in fitted.items() if parts]
     if not actuators:
         return None
     figure = Figure(figsize=(4.6 * len(actuators), 4.6), layout="constrained")
     axes = np.atleast_2d(figure.subplots(2, len(actuators), height_ratios=(3, 1), sharex="col", squeeze=False))
     rng = np.random.default_rng(seed)
     for column, actuator in enumerate(actuators):
-        places = [names.index(f"deadzone.{actuator}.{part}") for part in PARTS]
+        parts = fitted[actuator]  # the others are as they were assumed
+        places, own = [names.index(f"deadzone.{actuator}.{p}") for p in parts], [PARTS.index(p) for p in parts]
         u = _commands(task, actuator)
-        widest = 4 * max(float(fit.p[places][2:].max()), 1e-3)  # the deadzone and what is next to it
+        assumed = np.array([float(getattr(scenario.deadzone[actuator], part)) for part in PARTS])
+        best, drawn = assumed.copy(), np.tile(assumed, (DRAWN, 1))
+        best[own] = fit.p[places]
+        widest = max(
+            4 * float(best[2:].max()), 1.2 * float(np.abs(u).min()), 4e-3
+        )  # the deadzone and what is beside it
         grid = np.linspace(max(u.min(), -widest), min(u.max(), widest), 400)
         spread = np.array([verdict.estimates[i].deviation for i in places])
-        factor = np.linalg.cholesky(verdict.correlation[np.ix_(places, places)] * 0.999 + 0.001 * np.eye(4))
-        drawn = np.maximum(fit.p[places] + rng.standard_normal((DRAWN, 4)) @ (factor.T * spread), 0)
+        eased = verdict.correlation[np.ix_(places, places)] * 0.999 + 0.001 * np.eye(len(places))
+        moves = rng.standard_normal((DRAWN, len(places))) @ (np.linalg.cholesky(eased).T * spread)
+        drawn[:, own] = np.maximum(fit.p[places] + moves, 0)
         curves = np.array([_delivered(row, grid) for row in drawn])
         low, high = np.quantile(curves, [0.025, 0.975], axis=0)
         top, bottom = axes[:, column]
-        assumed = np.array([float(getattr(scenario.deadzone[actuator], part)) for part in PARTS])
         top.plot(grid, _delivered(assumed, grid), color="0.6", ls="--", label="assumed")
         top.fill_between(grid, low, high, color="C0", alpha=0.3, lw=0, label="95 % band")
-        top.plot(grid, _delivered(fit.p[places], grid), color="C0", label="identified")
-        unknown = [part for part, i in zip(PARTS, places, strict=True) if not verdict.estimates[i].identified]
+        top.plot(grid, _delivered(best, grid), color="C0", label="identified")
+        unknown = [part for part, i in zip(parts, places, strict=True) if not verdict.estimates[i].identified]
         lost = f"\nnot identifiable: {', '.join(unknown).replace('_', ' ')}" if unknown else ""
         top.set_title(actuator + lost, fontsize="medium")
         top.set(ylabel="delivered")
@@ -54,6 +63,17 @@ def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figur
         bottom.hist(u, bins=80, range=(grid[0], grid[-1]), color="0.5")
         bottom.set(yscale="log", xlabel="command", ylabel="rows")
     return figure
+
+
+def _tiles(count: int, height: float) -> tuple[Figure, Sequence[Axes]]:
+    """A figure of so many axes, some beside and some below each other, each `height` inch high."""
+    columns = min(count, ACROSS)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(5.2 * columns, height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for axis in axes[count:]:
+        axis.remove()
+    return figure, axes[:count]
 
 
 def _commands(task: Task, actuator: str) -> np.ndarray:
@@ -91,9 +111,9 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
 
 def paths(task: Task, fit: Fit) -> Figure:
     """Where the vehicle was, and where the model has it in every stretch."""
-    figure = Figure(figsize=(5.2 * len(task.logs), 4.8), layout="constrained")
+    figure, axes = _tiles(len(task.logs), 4.8)
     x, y = (fit.model.channels.index(name) for name in ("x", "y"))
-    for i, (log, axis) in enumerate(zip(task.logs, np.atleast_1d(figure.subplots(1, len(task.logs))), strict=True)):
+    for i, (log, axis) in enumerate(zip(task.logs, axes, strict=True)):
         axis.plot(log.measured["x"], log.measured["y"], ".", ms=2, color="0.7", label="measured")
         of_log = fit.segments.log == i
         live = (fit.segments.live > 0) & (fit.segments.rows >= 0)
@@ -107,9 +127,11 @@ def paths(task: Task, fit: Fit) -> Figure:
 
 def predictions(logs: Sequence[Prediction]) -> Figure:
     """How the error of predictions grows."""
-    figure = Figure(figsize=(5.2 * len(logs), 3.4), layout="constrained")
-    for prediction, axis in zip(logs, np.atleast_1d(figure.subplots(1, len(logs))), strict=True):
-        axis.plot(prediction.t.T, 1e3 * prediction.errors.T, color="C0", lw=0.5, alpha=0.6)
+    figure, axes = _tiles(len(logs), 3.4)
+    for prediction, axis in zip(logs, axes, strict=True):
+        for t, error in zip(prediction.t, prediction.errors, strict=True):
+            there = np.isfinite(error)  # a line goes on over rows in which nothing was measured
+            axis.plot(t[there], 1e3 * error[there], color="C0", lw=0.5, alpha=0.6)
         axis.set_title(f"{prediction.log}: {prediction.windows} windows", fontsize="medium")
         axis.set(xlabel="s since the prediction began", ylabel="recorded to predicted [mm]")
         axis.set(xlim=(0, prediction.horizon), ylim=(0, None))

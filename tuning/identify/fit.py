@@ -40,6 +40,7 @@ class Task(NamedTuple):
     model: Model
     parameters: tuple[Parameter, ...]
     columns: Mapping[str, Column]  # of the files, where the configuration names them
+    memory: float  # s, for which actuators remember commands
 
 
 class Fit(NamedTuple):
@@ -131,22 +132,30 @@ def information(sums: Sums, parameters: Sequence[Parameter]) -> np.ndarray:
 
 
 def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.ndarray:
-    """A guess of every stretch's state (S, n), from straight lines through the first measurements."""
-    guesses = []
+    """A guess of every stretch's state (S, n), from straight lines through the first measurements.
+
+    What rolls goes aside at its reference point as fast as it turns: that the heading tells, which a short lever L of
+    the velocity would drown in noise.
+    """
+    guesses, lever = [], model.scenario.plant.lever()
     for rows, live, which in zip(segments.rows, segments.live, segments.log, strict=True):
         log = logs[which]
         early = rows[(rows >= 0) & (live > 0)]
         early = early[log.t[early] < log.t[early[0]] + 0.3]
         t = log.t[early] - log.t[early[0]]
-        (vx, x), (vy, y), (_, heading) = (_line(t, log.measured[name][early], name == "heading") for name in POSE)
+        (vx, x), (vy, y), (turn, heading) = (_line(t, log.measured[name][early]) for name in POSE)
+        if lever is not None:
+            c, s = np.cos(heading), np.sin(heading)
+            along, across = vx * c + vy * s, float(lever) * turn
+            vx, vy = along * c - across * s, along * s + across * c
         guesses.append([x, y, heading, vx, vy])
     return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
 
 
-def _line(t: np.ndarray, value: np.ndarray, angle: bool) -> np.ndarray:
+def _line(t: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Slope of the straight line through measurements, and its value at t = 0."""
     fine = np.isfinite(value)
-    value = np.unwrap(value[fine]) if angle else value[fine]
+    value = value[fine]
     return np.polyfit(t[fine], value, 1) if fine.sum() > 2 else np.array([0.0, value[0] if value.size else 0.0])
 
 
@@ -201,7 +210,7 @@ def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np
     def fitted(matrix: np.ndarray) -> float:
         logs = [log._replace(inputs=log.inputs @ matrix.T) for log in task.logs]
         segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
-        parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep)
+        parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep, task.memory)
         p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
         _, squares = Search(search.function, segments, parameters, states).run(p, free, TRIALS)
         return float(np.sqrt(squares / measurements))

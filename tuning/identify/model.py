@@ -21,6 +21,7 @@ from .log import columns_of
 from .segments import Segments
 
 CHUNK = 16  # stretches computed together
+SHARES = (1.0, 0.25, 0.0625)  # of a step of a stretch's state, the longest first
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
@@ -116,7 +117,10 @@ Says = Callable[[ArrayLike, ArrayLike, Segments], Sums]  # parameters (P,), stat
 
 @functools.lru_cache(2)
 def compiled(model: Model) -> Says:
-    """(parameters (P,), states (S, n), stretches) -> what they say, the states one Gauss-Newton step better."""
+    """(parameters (P,), states (S, n), stretches) -> what they say, the states one Gauss-Newton step better.
+
+    A step that would make a stretch worse is shortened, and left out where no length of it helps.
+    """
 
     def one(p: Array, s: Array, stretch: Segments) -> Sums:
         size, weight = p.size, jnp.sqrt(stretch.weight)
@@ -131,7 +135,11 @@ def compiled(model: Model) -> Says:
         taken = _solve(J[:, size:], both)
         left = both - J[:, size:] @ taken  # what the state cannot take up
         H = left.T @ left
-        parts: Any = (H[:size, :size], H[:size, size], H[size, size], s - taken[:, size], plain)
+        after = s[None] - jnp.outer(jnp.asarray(SHARES, s.dtype), taken[:, size])
+        costs = jax.vmap(lambda z: jnp.sum((weight * model.residual(p, z, stretch)) ** 2))(after)
+        better = jnp.nan_to_num(costs, nan=jnp.inf) < r @ r
+        states = jnp.where(better.any(), after[jnp.argmax(better)], s)
+        parts: Any = (H[:size, :size], H[:size, size], H[size, size], states, plain)
         return Sums(*parts)
 
     chunk = jax.jit(jax.vmap(one, in_axes=(None, 0, 0)))

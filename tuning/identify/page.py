@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from agvjax.leaves import leaves
+
 from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
@@ -52,11 +54,12 @@ def write(config: Config, result: Identified, out: Path) -> str:
         files.write_figure(out / f"{name}.png", figure)
     if result.drive is not None:
         write_drive(result.drive, out)
-    files.write(out / "scenario.toml", configuration.dump(posterior(config, fit, verdict)))
+    tuned = posterior(config, fit, verdict)
+    files.write(out / "scenario.toml", configuration.dump(tuned))
     files.write_json(out / "estimates.json", estimates(result))
-    text = page(result, "deadzones" in drawn)
+    text = page(result, tuned, "deadzones" in drawn)
     files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "What the log says"))
+    files.write(out / "report.html", html(text, out, _title(result)))
     return "\n\n".join([table(verdict), *_warnings(result), *([predicted(result)] if result.predictions else [])])
 
 
@@ -114,6 +117,9 @@ def _warnings(result: Identified) -> list[str]:
     lost = ", ".join(e.name for e in verdict.estimates if e.drive)
     coloured = ", ".join(name for name, x in verdict.white.items() if x > COLOURED)
     warnings = {
+        "Nothing is identified: scenario.toml holds what was assumed, and no other drive is predicted.": (
+            not verdict.identified
+        ),
         f"{UNKNOWN.capitalize()} from this drive, of {len(fit.p)} parameters: {lost}.": lost,
         f"{outliers} of {rows} measurements were left out as outliers: too many for a sound log.": (
             outliers > MANY * rows
@@ -130,15 +136,16 @@ def _warnings(result: Identified) -> list[str]:
     return [text for text, holds in warnings.items() if holds]
 
 
-def page(result: Identified, deadzones: bool) -> str:
-    """The text of `report.md`; whether there is a figure of deadzones."""
+# long: one part of the page after the other
+def page(result: Identified, tuned: Config, deadzones: bool) -> str:
+    """The text of `report.md`; the problem to tune for, and whether there is a figure of deadzones."""
     everything, drive, predictions = result.verdict.estimates, result.drive, result.predictions
-    lost = [[e.name, e.reason, e.drive] for e in everything if e.drive]
-    absent = [[e.name, e.reason] for e in everything if not (e.identified or e.drive)]
+    lost = [[e.name, e.reason, e.drive, _instead(tuned, e.name)] for e in everything if e.drive]
+    absent = [[e.name, e.reason] for e in everything if e.absent]
     counts = result.fit.counts._asdict()
     parts = [
-        f"# What {', '.join(log.name for log in result.task.logs)} says",
-        f"{sum(e.identified for e in everything)} of {len(everything)} parameters are identified.",
+        f"# {_title(result)}",
+        f"{result.verdict.identified} of {len(everything)} parameters are identified.",
         *_warnings(result),
         table(result.verdict),
         "Deviations are standard: Gauss and Newton's covariance, and beside it a bootstrap over stretches of the log."
@@ -147,16 +154,37 @@ def page(result: Identified, deadzones: bool) -> str:
     if deadzones:
         parts.append("![deadzones](deadzones.png)")
     if lost:
-        parts += ["## What this drive does not tell", grid(["parameter", "why", "what would tell it"], lost)]
+        parts += [
+            "## What this drive does not tell",
+            grid(["parameter", "why", "what would tell it", "in scenario.toml"], lost),
+        ]
     if absent:
         parts += ["## What was looked for and is not there", grid(["parameter", ""], absent)]
     if drive is not None:
         parts += ["## A drive that would tell the deadzones", suggestion(drive), "![drive](excitation.png)"]
     if predictions:
         parts += ["## Drives it has not seen", predicted(result), METHOD, "![predictions](predictions.png)"]
-    parts += ["## What was read", grid(["", "count"], [[COUNTED[name], n] for name, n in counts.items()])]
-    parts += ["## What is left", "![residuals](residuals.png)", "![paths](paths.png)", "## Tune for it", TUNE]
+    parts += ["## What was read", "\n".join(f"- {log.name}" for log in result.task.logs)]
+    parts += [grid(["", "count"], [[COUNTED[name], n] for name, n in counts.items()])]
+    parts += ["## What is left", "![residuals](residuals.png)", "![paths](paths.png)"]
+    parts += ["## Tune for it", TUNE] if result.verdict.identified else []
     return "\n\n".join(parts) + "\n"
+
+
+def _title(result: Identified) -> str:
+    names = [log.name for log in result.task.logs]
+    return f"What {names[0] if len(names) == 1 else f'{len(names)} logs'} say{'s' if len(names) == 1 else ''}"
+
+
+def _instead(tuned: Config, name: str) -> str:
+    """What the problem to tune for has of a number that is not identifiable."""
+    there = leaves(tuned.scenario)
+    if name not in there:
+        return "not there, as assumed"
+    if (draw := tuned.ensemble.draws.get(name)) is None:
+        return f"{float(there[name]):.4g}, as assumed"
+    low, high = (float(end) for end in draw.box(np.asarray(there[name], float)))
+    return f"drawn from {low:.4g} to {high:.4g}, as assumed"
 
 
 def suggestion(drive: Drive) -> str:

@@ -21,8 +21,7 @@ VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of th
     agvjax.KinematicSingleTrack: ("L",),
 }
 SINUSOID = ("cosine", "sine")
-LATEST, LONGEST = 0.15, 1.0  # s, of a delay and a lag
-SLOPES = (0.02, 50.0)
+LONGEST = 2.0  # memories, of a lag; of a delay one
 ELEMENTS = {"delay": (agvjax.Delay, "time"), "lag": (agvjax.Lag, "time_constant")}  # the group's class and its number
 OMEGA = "disturbance.omega"
 
@@ -37,6 +36,8 @@ class Parameter(NamedTuple):
     high: float
     width: float  # how surely: a standard deviation, wide
     floor: float  # an uncertainty below this is small whatever the value
+    least: str = ""  # what a value at `low` means, and what moves that edge; empty where no lower one can be
+    most: str = ""  # the same at `high`
 
 
 def parts_of(chain: Element) -> dict[str, Element]:
@@ -44,8 +45,11 @@ def parts_of(chain: Element) -> dict[str, Element]:
     return dict(chain.items()) if isinstance(chain, agvjax.Chain) else {"element": chain}
 
 
-def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float) -> agvjax.Scenario:
-    """The scenario with all that the groups ask for: an element in every actuator, a disturbance of one frequency."""
+def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float, memory: float) -> agvjax.Scenario:
+    """The scenario with all that the groups ask for: an element in every actuator, a disturbance of one frequency.
+
+    Delays can be looked for up to `memory` [s], in commands that change every `period` [s].
+    """
     chains = dict(scenario.actuators)
     for group, (element, _) in ELEMENTS.items():
         for name in scenario.plant.actuators:
@@ -54,7 +58,7 @@ def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float) -> ag
                 parts = {group: element()} | parts
             for key, part in parts.items():
                 if isinstance(part, agvjax.Delay):  # long enough a memory for the longest delay that is tried
-                    wanted = 2 + int(np.ceil(LATEST / period))
+                    wanted = 2 + int(np.ceil(memory / period))
                     there = name in scenario.actuators and key in parts_of(scenario.actuators[name])
                     start = float(part.time) if there else period
                     parts[key] = dataclasses.replace(part, slots=max(part.slots, wanted), time=start)
@@ -92,10 +96,10 @@ def unknown(scenario: agvjax.Scenario, fit: Sequence[str]) -> list[str]:
 
 
 def parameters(
-    scenario: agvjax.Scenario, names: Sequence[str], logs: Sequence[Log], substep: float
+    scenario: agvjax.Scenario, names: Sequence[str], logs: Sequence[Log], substep: float, memory: float
 ) -> tuple[Parameter, ...]:
-    """Where to look for each, by what it is and by what was commanded."""
-    return tuple(_parameter(scenario, name, logs, substep) for name in names)
+    """Where to look for each, by what it is, by what was commanded and by how long actuators remember it."""
+    return tuple(_parameter(scenario, name, logs, substep, memory) for name in names)
 
 
 def largest(logs: Sequence[Log], name: str) -> float:
@@ -105,26 +109,39 @@ def largest(logs: Sequence[Log], name: str) -> float:
     return float(max(0.0, *((sign * log.inputs[:, columns]).max() for log in logs)))
 
 
-def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float) -> Parameter:
+# long: one kind of number after the other
+def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float, memory: float) -> Parameter:
     value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_of(scenario, name)
+    around = f"assume another scenario.{name} than {value:.4g}, around which it is looked for, or check units and model"
     if last.startswith("slope_"):
-        return Parameter(name, unit, value, *SLOPES, max(1.0, value), 0.0)
+        low, high = min(0.02, 0.1 * value), max(50.0, 10 * value)
+        return Parameter(name, unit, value, low, high, max(1.0, value), 0.0, around, around)
     if last.startswith("threshold_"):
         most = max(largest(logs, name), 1e-3)
-        return Parameter(name, unit, min(value, 0.9 * most), 0.0, most, 0.5 * most, 0.05 * most)
+        beyond = (
+            f"no command of the log goes clearly beyond it, the largest being {most:.4g}: a bound at best, no value"
+        )
+        return Parameter(name, unit, min(value, 0.9 * most), 0.0, most, 0.5 * most, 0.05 * most, "", beyond)
     if name.startswith("disturbance.") and last != "omega":
-        return Parameter(name, unit, value, -10.0, 10.0, 1.0, 0.02)
+        high = 10.0 * max(1.0, abs(value))
+        return Parameter(name, unit, value, -high, high, 1.0, 0.02, around, around)
     if name == OMEGA:
-        return Parameter(name, unit, value, 0.01, 30.0, 1.0, 0.0)
+        return Parameter(name, unit, value, min(0.01, 0.1 * value), max(30.0, 3 * value), 1.0, 0.0, around, around)
     if name.startswith("actuators.") and last in ("time", "time_constant"):
-        low, high = (0.0, LATEST) if last == "time" else (substep / 2, LONGEST)
-        return Parameter(name, unit, float(np.clip(value, low + 1e-4, high)), low, high, 0.1, 0.5 * logs[0].step)
+        late = last == "time"
+        low, high = (0.0, memory) if late else (substep / 2, LONGEST * memory)
+        rule = f"longer than {high:g} s, identify.memory{'' if late else f' times {LONGEST:g}'}; a longer one moves it"
+        nominal = float(np.clip(value, low + 1e-4 * (high - low), high))  # that an assumed delay fits in, the rules say
+        return Parameter(name, unit, nominal, low, high, 0.1, 0.5 * logs[0].step, "", rule)
     rule = rule_of(scenario, name)
     sign = rule is not None and rule.low >= 0
     size = abs(value) or 1.0
-    low = value - 20 * size if not sign else 0.02 * size if rule is not None and rule.text == "> 0" else 0.0
+    above = sign and rule is not None and rule.text == "> 0"
+    low = value - 20 * size if not sign else 0.02 * size if above else 0.0
     high = min(value + 20 * size, np.inf if rule is None else rule.high)
-    return Parameter(name, unit, value, low, high, size, 0.0)
+    shift = ": shift the pose to a point further ahead of the axle" if last == "L" else ""
+    least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
+    return Parameter(name, unit, value, low, high, size, 0.0, least, "" if rule and high == rule.high else around)
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

@@ -27,9 +27,10 @@ def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     is drawn within a half of it. The phase of a sinusoid is drawn: nobody knows when in it the next drive begins.
     """
     known = {e.name: e for e in verdict.estimates if e.identified}
-    fixed = {q.name: float(x) for q, x, moved in zip(fit.parameters, fit.p, fit.free, strict=True) if not moved}
-    fixed |= {name: e.value for name, e in known.items()}  # what was looked for and is not there is 0
-    scenario = agvjax.replace(_structure(config, fit, known), fixed)
+    absent = {e.name for e in verdict.estimates if e.absent}  # what was looked for and is not there is 0
+    fixed = {q.name: float(x) for q, x in zip(fit.parameters, fit.p, strict=True) if q.name in absent}
+    fixed |= {name: e.value for name, e in known.items()}
+    scenario = agvjax.replace(_structure(config, fit, known, absent), fixed)
     kept = set(leaves(scenario)) - set(known)
     draws: dict[str, Draw] = {name: draw for name, draw in config.ensemble.draws.items() if name in kept}
     assumed = default_draws(scenario.plant.actuators)
@@ -55,7 +56,7 @@ def distribution(estimate: Estimate, low: float) -> Distribution:
     return Distribution("truncnorm", {"a": a, "b": max(TAIL, a + TAIL), "loc": e.value, "scale": e.deviation})
 
 
-def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> agvjax.Scenario:
+def _structure(config: Config, fit: Fit, known: dict[str, Estimate], absent: set[str]) -> agvjax.Scenario:
     """The fitted scenario with the path, start and sensor of the configured one, and delay lines as long as needed."""
     fitted, before = fit.model.scenario, config.scenario
     steps = min(config.simulate.dt, config.tune.dt)  # a law without a period asks anew at every one
@@ -75,7 +76,7 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate]) -> agvjax.S
             kept[key] = part
         if kept:
             chains[name] = agvjax.Chain(**kept)
-    sought = any(name.startswith("disturbance.") for name in fit.model.names)
+    sought = any(name.startswith("disturbance.") for name in {*known, *absent})
     disturbance, sensor = (fitted if sought else before).disturbance, before.sensor
     if isinstance(sensor, agvjax.Noise):
         sigma = dict(zip(fit.model.channels, fit.sigma, strict=True))

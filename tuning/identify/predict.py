@@ -12,7 +12,7 @@ from .fit import Fit, first_states, weighed
 from .log import Log
 from .model import compiled
 from .parameters import SINUSOID, sinusoidal
-from .segments import Segments, cut, widened
+from .segments import Segments, cut, leaps, widened
 
 SEEN = 1.0  # s, from which the state is found at which a prediction begins
 SETTLED = 6
@@ -38,13 +38,15 @@ def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
 def _ahead(log: Log, horizon: float, memory: float, gap: float) -> tuple[Segments, np.ndarray, np.ndarray]:
     """W windows, how long after its beginning each row is (W, K) [s], and whether it counts (W, K).
 
-    A window counts where a position was measured in it.
+    A window counts where a position was measured in it that is no outlier.
     """
     segments, _ = cut([log], SEEN, memory, gap, ahead=horizon)
     live = (segments.live > 0) & (segments.rows >= 0)
     first = np.min(segments.t, axis=1, where=live, initial=np.inf)
     since = segments.t - first[:, None] - SEEN
-    measured = np.isfinite(log.measured["x"] + log.measured["y"])[np.maximum(segments.rows, 0)]
+    places = [list(log.measured).index(name) for name in ("x", "y")]
+    sound = np.isfinite(log.measured["x"] + log.measured["y"]) & ~leaps(log)[:, places].any(axis=1)
+    measured = sound[np.maximum(segments.rows, 0)]
     counted = live & (since > -1e-9) & measured
     some = counted.any(axis=1)
     return Segments(*(x[some] for x in segments)), since[some], counted[some]

@@ -14,7 +14,7 @@ from .. import config as configuration
 from ..config.settings import Config
 from .excitation import Designer, Drive, Room
 from .fit import Fit, Task
-from .log import Log, commands_of, same_channels
+from .log import Log, commands_of, same_channels, same_drive
 from .model import Model
 from .parameters import Parameter, parameters, values
 from .predict import Prediction, predict, windows
@@ -32,7 +32,7 @@ class Identified(NamedTuple):
     task: Task
     fit: Fit
     verdict: FitVerdict
-    predictions: list[Prediction]
+    predictions: list[Prediction]  # none where nothing is identified
     drive: Drive | None  # a suggestion; None where none was asked for, or the plant does not say what a motion needs
 
 
@@ -65,6 +65,8 @@ def to_predict(files: Sequence[str], config: Config, posed: Task) -> tuple[Log, 
         return ()
     logs, settings = read(files, config)[0], config.identify
     wrong = same_channels([posed.logs[0], *logs])
+    rule = "a drive that was not learned from: what the fit has seen is no prediction"
+    wrong += [Fault("--unseen", log.name, rule) for log in logs if any(same_drive(log, own) for own in posed.logs)]
     rule = f"long enough to predict identify.horizon, {settings.horizon:g} s of it, without a gap"
     short = [log for log in logs if not windows(log, settings.horizon, settings.memory, settings.gap)]
     if wrong := wrong + [Fault("--unseen", log.name, rule) for log in short]:
@@ -80,7 +82,9 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
     """
     settings, drive = config.identify, None
     fitted, verdict = settled(posed, settings, config.seed, tick)
-    predictions = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap) if unseen else []
+    predictions: list[Prediction] = []
+    if unseen and verdict.identified:  # or it would be the assumed vehicle that predicts
+        predictions = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap)
     if settings.drives and _says_needs(config):
         p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)
@@ -102,7 +106,7 @@ def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
     model, limits = model_of(config, tuple(ASSUMED), commands_of(plant), step), np.array(_limits(config))
     ends = np.where(np.isfinite(limits), limits, 1.0)
     nothing = Log("none", 0.0, np.arange(2) * step, np.stack([ends, -ends]), model.commands, {})
-    wanted = parameters(model.scenario, model.names, [nothing], step / model.substeps)
+    wanted = parameters(model.scenario, model.names, [nothing], step / model.substeps, config.identify.memory)
     return _suggested(config, model, wanted, values(wanted), np.array([*ASSUMED.values()]), step, tick)
 
 

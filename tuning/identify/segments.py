@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .log import Log
+from .log import Log, white_noise
 
-STILL = 1e-6
+STILL = 1e-12  # of a value: rounding, not motion
 SPIKE, WINDOW = 12.0, 9  # robust standard deviations from the line through so many rows: an outlier
 
 
@@ -85,7 +85,7 @@ def thinned(segments: Segments, most: int) -> Segments:
 def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tuple[Segments, Counts]:
     """The stretches of one log."""
     values = np.column_stack([*log.measured.values()])
-    known, spikes = np.isfinite(values), _spikes(log)
+    known, spikes = np.isfinite(values), leaps(log)
     good = known & ~spikes
     broken = np.flatnonzero(np.diff(log.t) > gap * log.step)
     ends = [0, *(broken + 1).tolist(), log.t.size]
@@ -110,15 +110,15 @@ def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tu
         weight[i, start - before : stop - before] = good[start:stop]
     at, there, steps = np.maximum(rows, 0), rows >= 0, np.r_[np.diff(log.t), log.step]
     t, h = np.where(there, log.t[at], 0.0), np.where(there, steps[at], log.step)
-    inputs, seen = np.where(there[..., None], log.inputs[at], 0.0), np.where(known, values, 0.0)[at]
+    inputs, seen = np.where(there[..., None], log.inputs[at], 0.0), np.where(good, values, 0.0)[at]
     blank, outliers = int((~known).sum()), int((spikes & known).sum())
     counts = Counts(log.t.size, S, broken.size, warm, left, blank, outliers)
     return Segments(t, h, inputs, live, seen, weight, rows, np.zeros(S, int)), counts
 
 
-def _spikes(log: Log) -> np.ndarray:
+def leaps(log: Log) -> np.ndarray:
     """Measurements that leap away from the line through their neighbours (N, C)."""
-    leaps = np.zeros((log.t.size, len(log.measured)), bool)
+    spikes = np.zeros((log.t.size, len(log.measured)), bool)
     for channel, value in enumerate(log.measured.values()):
         fine = np.flatnonzero(np.isfinite(value))
         if fine.size > WINDOW:
@@ -128,16 +128,13 @@ def _spikes(log: Log) -> np.ndarray:
             slope = np.median((windows[:, j] - windows[:, i]) / (j - i), axis=1)  # Theil and Sen's line
             line = np.median(windows - slope[:, None] * (np.arange(WINDOW) - WINDOW // 2), axis=1)
             off = np.abs(value[fine] - line)  # where a channel stands exactly still it says nothing of its noise
-            usual = 1.4826 * np.median(off[off > STILL * off.max()]) if off.max() > 0 else np.inf
-            leaps[fine[off > SPIKE * usual], channel] = True
-    return leaps
+            moving = off[off > STILL * np.abs(value[fine])]
+            usual = 1.4826 * np.median(moving) if moving.size else np.inf
+            spikes[fine[off > SPIKE * usual], channel] = True
+    return spikes
 
 
 def noise(logs: Sequence[Log]) -> np.ndarray:
     """A first guess of every channel's noise (C,), from what neither its value nor its slope explains."""
-    guesses = []
-    for name in logs[0].measured:
-        values = [log.measured[name][np.isfinite(log.measured[name])] for log in logs]
-        third = np.abs(np.concatenate([np.diff(x, 3) for x in values]))  # of white noise: sqrt(20) times as large
-        guesses.append(max(1.4826 * float(np.median(third)) / np.sqrt(20), 1e-6) if third.size else 1.0)
-    return np.array(guesses)
+    guesses = np.array([white_noise([log.measured[name] for log in logs]) for name in logs[0].measured])
+    return np.where(np.isfinite(guesses), np.maximum(guesses, 1e-6), 1.0)

@@ -14,6 +14,7 @@ from ..config.settings import Config
 from . import log as logs
 from . import parameters as wanted
 from .fit import Task
+from .load import load
 from .log import Log
 from .model import Model
 from .segments import cut, thinned, widened
@@ -29,10 +30,10 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     Raises:
         agvjax.InputError: names file, column and rule.
     """
-    drives = [logs.load(file, config.scenario.plant, config.identify.columns) for file in files]
+    drives = [load(file, config.scenario.plant, config.identify.columns) for file in files]
     wrong = logs.same_channels(drives)
     for i, log in enumerate(drives):
-        if any(np.array_equal(log.t, other.t) and np.array_equal(log.inputs, other.inputs) for other in drives[:i]):
+        if any(logs.same_drive(log, other) for other in drives[:i]):
             wrong.append(Fault("LOG.csv", log.name, "given once: the same drive twice is no more to learn from"))
     if wrong:
         raise InputError(wrong)
@@ -47,6 +48,9 @@ def task(files: Sequence[str], config: Config) -> Task:
     """
     read_logs, one_clock = read(files, config)
     settings, first = config.identify, read_logs[0]
+    if settings.segment < BRIEF * max(log.step for log in read_logs):
+        rule = f"at least {BRIEF} rows long, {BRIEF * max(log.step for log in read_logs):g} s"
+        raise InputError([Fault("identify.segment", settings.segment, rule)])
     segments, counts = cut(read_logs, settings.segment, settings.memory, settings.gap)
     if counts.segments < LEAST_STRETCHES:
         long = sum(log.t[-1] - log.t[0] for log in read_logs)
@@ -60,18 +64,18 @@ def task(files: Sequence[str], config: Config) -> Task:
     model = model_of(config, tuple(first.measured), first.commands, shortest)
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
-    parameters = wanted.parameters(model.scenario, model.names, read_logs, substep)
+    parameters = wanted.parameters(model.scenario, model.names, read_logs, substep, settings.memory)
     unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
     if (measurements := int((segments.weight > 0).sum())) < 2 * unknown:
         rule = f"so long that there are twice as many measurements as unknowns; there are {measurements} for {unknown}"
         raise InputError([Fault("identify.segment", settings.segment, rule)])
     brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
-    return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns)
+    return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns, settings.memory)
 
 
 def model_of(config: Config, channels: tuple[str, ...], commands: tuple[str, ...], step: float) -> Model:
     """The model that is fitted to rows `step` s apart."""
-    scenario = agvjax.check(wanted.prepared(config.scenario, config.identify.fit, step))
+    scenario = agvjax.check(wanted.prepared(config.scenario, config.identify.fit, step, config.identify.memory))
     names = wanted.named(scenario, config.identify.fit)
     return Model(scenario, names, channels, commands, max(1, int(np.ceil(step / STEP))))

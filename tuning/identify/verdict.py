@@ -9,12 +9,16 @@ import numpy as np
 
 from ..config.settings import Identify
 from .fit import WORTH, Fit, Task, fit, information, refitted
-from .parameters import OMEGA, sinusoidal, values, widths
+from .log import moved
+from .parameters import OMEGA, Parameter, sinusoidal, values, widths
 
 Z95 = 1.959964  # of a normal distribution
 PRECISE = 0.25  # half a 95 % interval, relative to the value, up to which a parameter counts as identified
 SHARPER = 0.5  # of the width of what is believed without the log
-FELT = 3.0  # standard deviations that its own size must change the log by, or it was not excited
+FELT = 3.0  # standard deviations that its size, or what is believed of it, must change the log by to be excited
+CHECKED = "the same drive with the unit and sign of the commands, and the model, checked"
+NEAR = 1e-3  # of where a parameter was looked for: at its edge
+STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
 ALIKE = 0.8  # correlation from which two parameters are named together
 
 
@@ -33,6 +37,11 @@ class Estimate(NamedTuple):
     reason: str = ""  # why not; empty where it is
     drive: str = ""  # what drive would tell; empty where none is needed
 
+    @property
+    def absent(self) -> bool:
+        """Whether it was looked for and is not there."""
+        return not (self.identified or self.drive)
+
 
 class FitVerdict(NamedTuple):
     """All estimates, and how they go together."""
@@ -40,6 +49,11 @@ class FitVerdict(NamedTuple):
     estimates: tuple[Estimate, ...]
     correlation: np.ndarray  # (P, P), of Gauss-Newton; unit rows for what was not free
     white: dict[str, float]  # by channel the correlation of what is left with itself one row later
+
+    @property
+    def identified(self) -> int:
+        """How many are."""
+        return sum(e.identified for e in self.estimates)
 
 
 def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
@@ -54,7 +68,9 @@ def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     correlation = covariance / np.outer(scale, scale)
     np.fill_diagonal(correlation, 1.0)
     felt = np.sqrt(np.diag(fit.sums.matrix.sum(axis=0)))
-    numbers = zip(deviation, bootstrapped, felt, correlation, strict=True)
+    slope = fit.sums.slope.sum(axis=0) + (fit.p - values(parameters)) / widths(parameters) ** 2
+    step = -np.diag(covariance) * slope  # of each alone, where nothing stands in its way
+    numbers = zip(deviation, bootstrapped, felt, step, correlation, strict=True)
     estimates = (_estimate(fit, i, *row) for i, row in enumerate(numbers))
     return FitVerdict(tuple(estimates), correlation, _white(fit))
 
@@ -62,9 +78,15 @@ def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
 def settled(
     task: Task, settings: Identify, seed: int, tick: Callable[[str], object] = lambda text: None
 ) -> tuple[Fit, FitVerdict]:
-    """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0."""
+    """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0.
+
+    A vehicle that never moved tells nothing, whatever fits best.
+    """
     best = fit(task, settings.starts, settings.outlier, seed, tick)
     verdict = judge(best, settings.bootstrap, seed)
+    if not any(moved(log) for log in task.logs):
+        still = [Estimate(q.name, q.unit, q.nominal, reason=STILL, drive=advice(q.name)) for q in best.parameters]
+        return best, verdict._replace(estimates=tuple(still))
     for doubted in (_doubtful_sinusoid, _doubtful_constants):
         if absent := doubted(best, verdict):
             gone = np.array([q.name in absent for q in best.parameters])
@@ -124,28 +146,47 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
     return spread
 
 
-def _estimate(fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, row: np.ndarray) -> Estimate:
-    """Of the i-th parameter, by its deviations, how much its size changes the log, and its correlations."""
+def _estimate(
+    fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, step: float, row: np.ndarray
+) -> Estimate:
+    """Of the i-th parameter, by its deviations, what it changes in the log, where it would go, and its correlations."""
     q, value = fit.parameters[i], float(fit.p[i])
     if not fit.free[i]:
         return Estimate(q.name, q.unit, value if q.name == OMEGA else 0.0, reason=fit.absent[q.name])
-    deviation, size = max(gauss_newton, bootstrapped), max(abs(value), q.floor)
+    deviation = max(gauss_newton, bootstrapped)
     half = Z95 * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
-    identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", ""
-    near = 1e-3 * (q.high - q.low)
-    if not identified and felt * size < FELT:
-        reason, drive = "never excited: with any value the log would look the same", advice(q.name)
-    elif (value - q.low < near and q.low > 0) or q.high - value < near:
-        identified, drive = False, "the same drive with the unit and sign of the commands, and the model, checked"
-        reason = f"ends at {value:.4g}, the edge of where it was looked for: another unit or sign, or a wrong model?"
+    identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
+    if not identified and felt * max(abs(value), q.floor, q.width) < FELT:
+        reason = "never excited: with any value the log would look the same"
+    elif words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
+        identified, reason = False, words
+        drive = drive if ".threshold_" in q.name else CHECKED
+    elif not identified and value - q.low < NEAR * (q.high - q.low):
+        reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
         reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
-        drive = advice(q.name)
     interval = max(value - half, q.low), min(value + half, q.high)
     numbers = (value, deviation, gauss_newton, bootstrapped, *interval)
-    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, drive)
+    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, "" if identified else drive)
+
+
+def _edge(q: Parameter, value: float, half: float, push: float) -> str:
+    """Why a value is none since it, or its interval of `half` to each side, lies at an edge of where it was looked for.
+
+    At an edge beyond which nothing can be, as at a delay of 0, it is one unless the log pushes it on, by `push`
+    deviations to higher values.
+    """
+    near = NEAR * (q.high - q.low)
+    for edge, off, words, outwards in ((q.low, value - q.low, q.least, -push), (q.high, q.high - value, q.most, push)):
+        if words and off <= max(near, q.floor):
+            return f"ends at {value:.4g}, the edge of where it was looked for: {words}"
+        if words and off <= half:
+            return f"its interval reaches {edge:.4g}, the edge of where it was looked for: {words}"
+        if off <= near and outwards > FELT:
+            return f"ends at {value:.4g}, the edge of what it can be, and the log pushes beyond it: a wrong model?"
+    return ""
 
 
 def advice(name: str) -> str:

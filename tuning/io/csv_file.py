@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from . import files
+from .numbers import real
 
-LARGEST = 500_000_000  # bytes of a log
+LARGEST_FILE = 500_000_000  # bytes of a log
+LARGEST = 1e30  # a cell that is larger stands for a value that is not there
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
@@ -20,13 +22,18 @@ UNITS = {  # what one of the unit is in SI
 
 
 class Column(NamedTuple):
-    """A column of a file: its name there, its unit (empty: the SI unit), and a factor on its numbers."""
+    """A column of a file: its name there, its unit (empty: the SI unit), and a factor on its numbers.
+
+    A time in seconds may have its nanoseconds in a column of their own (empty: it has none).
+    """
 
     column: str
     unit: str = ""
     factor: float = 1.0
+    nanoseconds: str = ""
 
 
+# long: the checks stand in their order
 def read(
     file: str | Path,
     columns: Sequence[str],
@@ -34,6 +41,7 @@ def read(
     least: int = 2,
     time: str = "t",
     blank: Sequence[str] = (),
+    nanoseconds: str | None = None,
 ) -> dict[str, np.ndarray]:
     """Columns of a CSV file by the names in its first row; the other columns are not looked at.
 
@@ -44,6 +52,7 @@ def read(
         least: number of rows that there must be below the header.
         time: the column whose numbers must increase.
         blank: columns in which an empty cell reads as NaN.
+        nanoseconds: the column of what is added to the time; empty: none, None: there may be none.
 
     Returns:
         For each column its numbers, shape (rows,).
@@ -51,6 +60,7 @@ def read(
     Raises:
         ValueError: names the file and what is wrong with it: the row, the column and the rule.
     """
+    columns = (*columns, nanoseconds) if nanoseconds else columns
     rows = _rows(file, columns)
     header = [name.strip() for name in rows[0][1]]
     wanted = _wanted(file, header, columns, optional)
@@ -59,13 +69,25 @@ def read(
     for line, cells in rows[1:]:
         if len(cells) != len(header):
             raise ValueError(f"{file}, row {line}: must have {len(header)} cells like its header; it has {len(cells)}")
-    table = {
-        name: np.array([_cell(file, line, name, cells[header.index(name)], name in blank) for line, cells in rows[1:]])
-        for name in wanted
-    }
+    table = {}
+    for name in wanted:
+        at, empty = header.index(name), name in blank
+        table[name] = np.array([_cell(file, line, name, cells[at], empty) for line, cells in rows[1:]])
+    if nanoseconds:
+        table[time] = table[time] + 1e-9 * _within_a_second(file, rows, nanoseconds, table[nanoseconds])
     if time in table:
-        _increasing(file, rows, time, table[time])
+        more = f'; nanoseconds in a column of their own: {{ column = "{time}", nanoseconds = "its name" }}'
+        _increasing(file, rows, time, table[time], more if nanoseconds == "" else "")
     return table
+
+
+def _within_a_second(file: str | Path, rows: list[tuple[int, list[str]]], name: str, values: np.ndarray) -> np.ndarray:
+    """Nanoseconds, refused where they are none that follow whole seconds."""
+    wrong = (values < 0) | (values >= 1e9)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise ValueError(f"{file}, row {rows[at + 1][0]}, column {name}: {values[at]:.15g} must be from 0 to 999999999")
+    return values
 
 
 def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optional: Sequence[str]) -> list[str]:
@@ -83,19 +105,20 @@ def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optiona
     return wanted
 
 
-def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, values: np.ndarray) -> None:
-    """Refuse times that do not increase from row to row."""
+def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, values: np.ndarray, same: str) -> None:
+    """Refuse times that do not increase from row to row; `same` is said of one that stands still."""
     back = np.diff(values) <= 0
     if back.any():
         at = int(np.argmax(back)) + 1
         now, before = (f"{values[i]:.15g}" for i in (at, at - 1))
-        raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} must be above {before}, the time before")
+        rule = f"must be above {before}, the time before{same if values[at] == values[at - 1] else ''}"
+        raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} {rule}")
 
 
 def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
     """The rows that are not empty, each with its line number in the file; at least the header."""
     try:
-        text = files.text(Path(file), LARGEST)
+        text = files.text(Path(file), LARGEST_FILE)
     except UnicodeDecodeError as error:
         raise ValueError(f"{file} is no text file in UTF-8") from error
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
@@ -117,9 +140,11 @@ def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> flo
     if blank and not text.strip():
         return np.nan
     try:
-        value = float(text)
+        value = real(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
-        raise ValueError(f"{file}, row {line}, column {name}: {text.strip()!r} must be a finite number")
+    if not np.abs(value) < LARGEST:
+        rule = f"a finite number, in digits from 0 to 9 and below {LARGEST:g} in size"
+        rule += "; a cell is left empty where nothing was measured" if blank else ""
+        raise ValueError(f"{file}, row {line}, column {name}: {text.strip()!r} must be {rule}")
     return value

@@ -23,8 +23,10 @@ from tuning.config.load import resolve
 from tuning.ensemble.draws import sample
 from tuning.identify import task as tasks
 from tuning.identify.excitation import Designer, Room, candidate
-from tuning.identify.log import Column, load, together
+from tuning.identify.load import load
+from tuning.identify.log import together
 from tuning.identify.segments import Segments, cut, noise
+from tuning.io.csv_file import Column
 
 LOGS = ROOT / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
