@@ -15,6 +15,7 @@ from agvjax import Fault, InputError
 from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
 
+from ..config.rules import checked, faults
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import grid
@@ -64,7 +65,7 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     if any(text.startswith("simulate.horizon") for text in arguments.set):
         horizon = config.simulate.horizon
     timing = dataclasses.replace(config.simulate, horizon=horizon)
-    return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
+    return checked(dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing), faults, [])
 
 
 def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:

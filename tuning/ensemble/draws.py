@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -13,7 +14,7 @@ import agvjax
 from agvjax.leaves import get
 
 TAIL = 1e-3  # of a distribution, left out on either side of its box
-
+WITHIN = (0.0, 0.382, 0.618, 1.0)  # shares of a range that stand for all of it: its ends, and two that are no fractions
 
 Numbers = float | np.ndarray
 
@@ -39,6 +40,11 @@ class Draw:
         """The shares of the draws below either end of the box."""
         tail = TAIL if self.tailed else 0.0
         return tail, 1 - tail
+
+    def along(self, shares: Sequence[float] | np.ndarray, nominal: np.ndarray) -> np.ndarray:
+        """The values of a leaf (n, ...) at shares (n,), the same for all its elements."""
+        shares = np.asarray(shares, float).reshape(-1, *[1] * nominal.ndim)
+        return np.asarray(self.quantile(shares + 0 * nominal, nominal), float)
 
     def partners(self, leaf: str) -> Mapping[str, float]:
         """By leaf, how much of its normal number goes into that of this `leaf`; see `together`."""
@@ -154,6 +160,28 @@ class Span(NamedTuple):
 
     draw: Draw
     points: int = 0
+
+
+def places(draws: Sequence[Draw], points: int = 0) -> np.ndarray:
+    """Shares at which leaves that move as one stand: of a grid its `points`, of a distribution all but its tails.
+
+    What is sampled, without points, stands anywhere: its ends and two shares within are what is looked at, or, where
+    there are only some values, each of them.
+    """
+    if isinstance(draws[0], OneOf):
+        count = points or len(draws[0].values)
+        return (np.arange(count) + 0.5) / count
+    tail = max(draw.ends[0] for draw in draws)
+    if points:
+        return np.linspace(tail, 1 - tail, points) if points > 1 else np.array([0.5])
+    return tail + (1 - 2 * tail) * np.array(WITHIN)
+
+
+def element_of(name: str) -> tuple[str, int | None]:
+    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
+    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    leaf, element = (match[1], int(match[2])) if match else (name, None)
+    return leaf.removeprefix("scenario."), element
 
 
 def default_draws(actuators: Iterable[str] = ("position", "heading")) -> dict[str, Draw]:

@@ -10,11 +10,12 @@ import agvjax
 from agvjax import Fault
 from agvjax.metric_table import metrics_of
 
-from ..config import rules
+from ..config import ends, rules
+from ..config.ends import LAW, Moving
 from ..config.settings import Config
-from ..ensemble.draws import Draw
-from ..ensemble.rules import beyond_rules, ends_beyond_rules, near, undrawable
-from .design import LAW, SENSITIVITY, design, element_of
+from ..ensemble.draws import element_of
+from ..ensemble.rules import near, undrawable
+from .design import SENSITIVITY, design
 
 MOST_SCENARIOS = 10**9
 FEW = 8  # samples of which sensitivities say something
@@ -23,7 +24,12 @@ FEW = 8  # samples of which sensitivities say something
 def faults(config: Config) -> list[Fault]:
     """What is wrong with a configuration that is to be swept."""
     wrong = rules.faults(config) or [*_axes(config), *_design(config)]
-    wrong = wrong or _size(config) or rules.timing_faults(config, "sweep")
+    wrong = (
+        wrong
+        or _size(config)
+        or rules.timing_faults(config, "sweep")
+        or ends.faults(config, _moving(config), ["sweep"])
+    )
     known = metrics_of(config.scenario.plant)
     asked = {"sweep.metrics": config.sweep.metrics, "sweep.fails": config.sweep.fails}
     wrong += [
@@ -42,15 +48,15 @@ def _axes(config: Config) -> Iterator[Fault]:
         points = {name: span.points for name, span in table.items()}
         if len(set(points.values())) != 1:
             yield Fault("sweep.over", points, "as many points for every leaf of one table: they move as one")
-        for name, span in table.items():
-            yield from _axis(config, name, span.draw)
+        for name in table:
+            yield from _axis(config, name)
             leaf, element = element_of(name)
             if any(leaf == other and (None in (element, part) or element == part) for other, part in seen):
                 yield Fault("sweep.over", name, "named once")
             seen.append((leaf, element))
     if sweep.ensemble:
         draws = config.ensemble.draws
-        yield from undrawable(config.scenario, draws) or beyond_rules(config.scenario, draws)
+        yield from undrawable(config.scenario, draws)
     elif not sweep.over:
         yield Fault("sweep.over", "[]", "at least one leaf, or ensemble = true")
 
@@ -77,7 +83,7 @@ def _size(config: Config) -> list[Fault]:
     return [Fault("sweep", size, f"at most {MOST_SCENARIOS:g} scenarios in all")] if size > MOST_SCENARIOS else []
 
 
-def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
+def _axis(config: Config, name: str) -> list[Fault]:
     """What is wrong with one leaf of an axis."""
     leaf, element = element_of(name)
     lawful = leaf.startswith(LAW)
@@ -89,13 +95,12 @@ def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
     nominal = np.asarray(known[inner], float)
     if element is not None and (nominal.ndim != 1 or element >= nominal.size):
         return [Fault("sweep.over", name, f"an element of {leaf}, which has the shape {nominal.shape}")]
-    ends = draw.box(nominal if element is None else nominal[element])
-    if element is not None:
-        ends = tuple(np.where(np.arange(nominal.size) == element, end, nominal) for end in ends)
-    wrong = ends_beyond_rules(tree, inner, ends, f"sweep.over.{name}")
-    if wrong or not lawful:
-        return wrong
-    step, method = config.sweep.dt, agvjax.INTEGRATORS[config.sweep.integrator]
-    for end in ends:
-        wrong += agvjax.step_faults(agvjax.replace(tree, {inner: end}), step, config.simulate.horizon, method)
-    return [fault._replace(key=f"sweep.dt, with {name} at an end of its axis") for fault in wrong[:1]]
+    return []
+
+
+def _moving(config: Config) -> list[Moving]:
+    """What is swept, and what is drawn besides."""
+    axes = [Moving("sweep.over", table) for table in config.sweep.over]
+    swept = {element_of(name)[0] for axis in axes for name in axis.spans}
+    draws = config.ensemble.draws if config.sweep.ensemble else {}
+    return axes + Moving.drawn({name: draw for name, draw in draws.items() if name not in swept})
