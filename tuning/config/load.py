@@ -26,9 +26,12 @@ def load(
     rules: Rules | str = faults,
     more: Mapping[str, Toml] | None = None,
     imports: Sequence[str] = (),
-    note: Callable[[str], None] = warned,
+    note: Callable[[str], None] | None = None,
 ) -> Config:
     """The defaults, each file, each `key=value`, then `more` by dotted key; completed and checked.
+
+    Where nothing says a scenario and a file has a controller, as `gains.toml` does, `config.toml` beside that file is
+    read before all others.
 
     Args:
         files: TOML files, or names of presets.
@@ -36,21 +39,50 @@ def load(
         rules: what is wrong with a configuration; every room has such a function for what it needs.
         more: values by dotted key.
         imports: files of Python with classes of one's own, which TOML then knows by name; they are executed.
-        note: told of every name that is old and still read.
+        note: told of every name that is old and still read, of a file that is read besides, and of what is not read
+            in a file; by default they are warnings.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     loaded, table = load_files(imports), {}
-    parts = [*map(parsed, files), *map(_override, overrides), *(_nested(key, x) for key, x in (more or {}).items())]
+    read = {name: parsed(name) for name in files}
+    parts = [*read.values(), *map(_override, overrides), *(_nested(key, x) for key, x in (more or {}).items())]
+    if not any("scenario" in part for part in parts):
+        parts = [*_beside(read, note or said), *parts]
     for part in parts:
         claim(part, loaded)
-        _merge(table, present(part, note))
-    return resolve(table, rules, imports)
+        _merge(table, present(part, note or warned))
+    return resolve(table, rules, imports, note or said)
 
 
-def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Sequence[str] = ()) -> Config:
-    """The configuration that a table of TOML means, completed and checked by `rules`.
+def said(text: str) -> None:
+    """What a caller in Python should know."""
+    warnings.warn(text, UserWarning, stacklevel=3)
+
+
+def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict[str, Toml]]:
+    """The configurations beside files that have a controller and do not say which vehicle it is for."""
+    tables = []
+    for name, table in files.items():
+        if "controller" not in table:
+            continue
+        whole, text = Path(name).with_name("config.toml"), f"{name} has a controller and no scenario"
+        if whole.is_file() and whole != Path(name):
+            note(f"{text}: what it leaves open is read from {whole}; another --config says another scenario")
+            tables.append(parsed(str(whole)))
+        else:
+            note(f"{text}: it is run in the paper's; another --config says another scenario")
+    return tables
+
+
+def resolve(
+    table: Mapping[str, Toml],
+    rules: Rules | str = faults,
+    imports: Sequence[str] = (),
+    note: Callable[[str], None] = said,
+) -> Config:
+    """The configuration that a table of TOML means, completed and checked by `rules`; `note` as of `load`.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
