@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+import reprlib
 import warnings
 from typing import NamedTuple
+
+LONGEST, DIGITS = 200, 1000  # letters of a value that are shown, bits of an integer
+
+
+def shown(value: object) -> str:
+    """A value for a person, in one short line whatever it is."""
+    if isinstance(value, int) and value.bit_length() > DIGITS:
+        return f"a whole number of {value.bit_length()} bits"
+    try:
+        text = str(value)
+    except (RecursionError, ValueError):  # tables in tables without end, integers that Python does not print
+        text = reprlib.repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text)} characters)"
 
 
 class Fault(NamedTuple):
@@ -16,7 +30,7 @@ class Fault(NamedTuple):
 
     def __str__(self) -> str:
         """One line for a person."""
-        return f"{self.key} = {self.value}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
+        return f"{self.key} = {shown(self.value)}: must be {self.rule}" + (f" [{self.source}]" if self.source else "")
 
 
 class InputError(ValueError):

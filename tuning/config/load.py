@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import tomllib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +16,9 @@ from .old import present, warned
 from .read import Reader
 from .rules import Rules, checked, faults
 from .settings import VERSION, Config
-from .spellings import KINDS, Toml
+from .spellings import KINDS, NAMED, Toml, flat
 
+SECTIONS = ("scenario", "scenario.start", "simulate", "ensemble", "tune", "tune.search", "pareto", "sweep", "identify")
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
 
 
@@ -47,12 +49,16 @@ def load(
     """
     loaded, table = load_files(imports), {}
     read = {name: parsed(name) for name in files}
-    parts = [*read.values(), *map(_override, overrides), *(_nested(key, x) for key, x in (more or {}).items())]
+    parts = [
+        *read.values(),
+        *map(_override, overrides),
+        *(_nested(key.split("."), x) for key, x in (more or {}).items()),
+    ]
     if not any("scenario" in part for part in parts):
         parts = [*_beside(read, note or said), *parts]
     for part in parts:
         claim(part, loaded)
-        _merge(table, present(part, note or warned))
+        _merge(table, _plain_names(present(part, note or warned)))
     return resolve(table, rules, imports, note or said)
 
 
@@ -88,7 +94,7 @@ def resolve(
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     version = table.get("version", VERSION)
-    if version != VERSION:
+    if type(version) is not int or version != VERSION:
         raise agvjax.InputError([agvjax.Fault("version", repr(version), f"{VERSION}, the file format of this release")])
     files = load_files(imports)
     claim(table, files)
@@ -117,30 +123,62 @@ def parsed(name: str) -> dict[str, Toml]:
 
 
 def _override(text: str) -> Toml:
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip() or "\n" in text:
-        raise agvjax.InputError([agvjax.Fault("--set", repr(text), "key=value")])
+    match = re.fullmatch(rf"\s*({PART}(?:\.{PART})*)\s*=(.*)", text)
+    if match is None:
+        raise agvjax.InputError([agvjax.Fault("--set", repr(text), "key=value, a part of the key with dots in quotes")])
+    key, value = match.groups()
+    try:
+        parts = [tomllib.loads(f"part = {part}")["part"] if part[0] in "\"'" else part for part in _parts(key)]
+    except tomllib.TOMLDecodeError as error:
+        raise agvjax.InputError([agvjax.Fault("--set", repr(text), f"key=value ({error})")]) from error
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
         parsed = value.strip()  # a bare word is a string
-    return _nested(key.strip(), parsed)
+    return _nested(parts, parsed)
 
 
-def _nested(key: str, value: Toml) -> Toml:
-    for part in reversed(key.split(".")):
+PART = r"""(?:[ \t]*(?:"(?:[^"\\\n]|\\[^\n])*"|'[^'\n]*')[ \t]*|[^."'=\n]*[^."'=\s][^."'=\n]*)"""  # quoted or bare
+
+
+def _parts(key: str) -> list[str]:
+    return [part.strip() for part in re.findall(PART, key)]
+
+
+def _nested(parts: Sequence[str], value: Toml) -> Toml:
+    for part in reversed(parts):
         value = {part: value}
     return value
 
 
-def _merge(into: dict[str, Toml], table: Mapping[str, Toml]) -> None:
-    for key, value in table.items():
-        if isinstance(value, Mapping) and isinstance(into.get(key), str):
-            into[key] = {"type": into[key]}  # a name stands for its table
-        if isinstance(value, Mapping) and isinstance(into.get(key), dict) and not _another(into[key], value):
-            _merge(into[key], value)
-        else:
-            into[key] = value
+def _plain_names(table: dict[str, Toml]) -> dict[str, Toml]:
+    """The table with names with dots as one key each, in quotes or not, so that a later one finds an earlier one.
+
+    Raises:
+        InputError: both spellings of a name are there, and none of them is the later one.
+    """
+    for key, kinds in NAMED.items():
+        section, _, name = key.partition(".")
+        inner = table.get(section)
+        if not isinstance(inner, Mapping) or not isinstance(inner.get(name), Mapping):
+            continue
+        rows = flat(inner[name], kinds)
+        if twice := [row for row, _ in rows if [other for other, _ in rows].count(row) > 1]:
+            raise agvjax.InputError([agvjax.Fault(key, twice[0], "named once, in quotes or not")])
+        table = {**table, section: {**inner, name: dict(rows)}}
+    return table
+
+
+def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> None:
+    """Put a table over another one, key by key; `at` is the key of both."""
+    for name, value in table.items():
+        before, key = into.get(name), f"{at}.{name}" if at else name
+        if isinstance(value, Mapping) and isinstance(before, str) and at not in NAMED:
+            before = into[name] = {"type": before}  # a name stands for its table
+        if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
+            _merge(before, value, key)
+        elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
+            into[name] = value  # and a section that is no table stays, to be refused
 
 
 def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:

@@ -19,7 +19,7 @@ from .read import Reader
 from .settings import Config
 from .write import table_of
 
-MOST_STEPS = 1e8
+MOST_STEPS, MOST_SEED = 1e8, 2**31
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
 BASES = {"scenario": agvjax.Scenario} | {places[0]: base for base, places in PLACES.items() if base is not Element}
 OPTIONAL = ("scenario.heading", "scenario.sensor")
@@ -31,7 +31,7 @@ def faults(config: Config) -> list[Fault]:
     wrong = vehicle_faults(config)
     if config.controller.control_period() is not None and every != 1:
         wrong.append(Fault("simulate.control_every", every, "1: a sampled law has a period of its own"))
-    wrong += _correlation(config)
+    wrong += _correlation(config) + _seeds(config)
     return wrong or timing_faults(config, "simulate")
 
 
@@ -87,6 +87,13 @@ def _foreign(config: Config) -> list[Fault]:
 def unique(faults: Iterable[Fault]) -> list[Fault]:
     """Each fault once."""
     return list({str(fault): fault for fault in faults}.values())
+
+
+def _seeds(config: Config) -> list[Fault]:
+    """Seeds of noise and jitter that are no whole numbers; drawn ones may be: of those the whole part counts."""
+    seeds = {n: x for n, x in agvjax.leaves(config.scenario).items() if n.endswith(".seed") and np.ndim(x) == 0}
+    bad = {n: float(x) for n, x in seeds.items() if not (x == np.floor(x) and x < MOST_SEED)}
+    return [Fault(f"scenario.{n}", x, "a whole number below 2^31") for n, x in bad.items()]
 
 
 def _correlation(config: Config) -> list[Fault]:

@@ -178,7 +178,8 @@ def design(config: Config) -> Design:
         for name in sorted(set(config.ensemble.draws) - taken):
             shape = np.shape(get(config.scenario, name))
             elements = range(shape[0]) if shape else (None,)
-            axes += [Axis((Target(name, i, config.ensemble.draws[name]),), 0) for i in elements]
+            draw = config.ensemble.draws[name]
+            axes += [Axis((Target(name, i, draw if i is None else draw.of(i)),), 0) for i in elements]
     grid, sampled = (tuple(a for a in axes if bool(a.points) is whole) for whole in (True, False))
     return Design(config.controller, config.scenario, grid, sampled, settings.design, settings.samples, config.seed)
 

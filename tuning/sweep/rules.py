@@ -13,8 +13,8 @@ from agvjax.metric_table import metrics_of
 from ..config import ends, rules
 from ..config.ends import LAW, Moving
 from ..config.settings import Config
-from ..ensemble.draws import element_of
-from ..ensemble.rules import near, undrawable
+from ..ensemble.draws import Draw, element_of
+from ..ensemble.rules import near, undrawable, uneven
 from .design import SENSITIVITY, design
 
 MOST_SCENARIOS = 10**9
@@ -48,8 +48,8 @@ def _axes(config: Config) -> Iterator[Fault]:
         points = {name: span.points for name, span in table.items()}
         if len(set(points.values())) != 1:
             yield Fault("sweep.over", points, "as many points for every leaf of one table: they move as one")
-        for name in table:
-            yield from _axis(config, name)
+        for name, span in table.items():
+            yield from _axis(config, name, span.draw)
             leaf, element = element_of(name)
             if any(leaf == other and (None in (element, part) or element == part) for other, part in seen):
                 yield Fault("sweep.over", name, "named once")
@@ -83,7 +83,7 @@ def _size(config: Config) -> list[Fault]:
     return [Fault("sweep", size, f"at most {MOST_SCENARIOS:g} scenarios in all")] if size > MOST_SCENARIOS else []
 
 
-def _axis(config: Config, name: str) -> list[Fault]:
+def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
     """What is wrong with one leaf of an axis."""
     leaf, element = element_of(name)
     lawful = leaf.startswith(LAW)
@@ -95,7 +95,8 @@ def _axis(config: Config, name: str) -> list[Fault]:
     nominal = np.asarray(known[inner], float)
     if element is not None and (nominal.ndim != 1 or element >= nominal.size):
         return [Fault("sweep.over", name, f"an element of {leaf}, which has the shape {nominal.shape}")]
-    return []
+    wrong = uneven(f"sweep.over.{name}", draw, nominal.shape if element is None else ())
+    return [] if wrong is None else [wrong]
 
 
 def _moving(config: Config) -> list[Moving]:
