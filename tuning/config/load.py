@@ -71,13 +71,13 @@ def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict
     """The configurations beside files that have a controller and do not say which vehicle it is for."""
     tables = []
     for name, table in files.items():
-        if "controller" not in table:
+        if "controller" not in table or Path(name).name == "config.toml":
             continue
         whole, text = Path(name).with_name("config.toml"), f"{name} has a controller and no scenario"
-        if whole.is_file() and whole != Path(name):
+        if whole.is_file():
             note(f"{text}: what it leaves open is read from {whole}; another --config says another scenario")
             tables.append(parsed(str(whole)))
-        else:
+        elif set(table) <= {"version", "imports", "controller"}:
             note(f"{text}: it is run in the paper's; another --config says another scenario")
     return tables
 
