@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import re
+import reprlib
 import warnings
 from typing import NamedTuple
 
-LONGEST = 200  # characters of a value in a message
+LONGEST, DIGITS = 200, 1000  # letters of a value that are shown, bits of an integer
+
+
+def shown(value: object) -> str:
+    """A value for a person, in one short line whatever it is."""
+    if isinstance(value, int) and value.bit_length() > DIGITS:
+        return f"a whole number of {value.bit_length()} bits"
+    try:
+        text = str(value)
+    except (RecursionError, ValueError):  # tables in tables without end, integers that Python does not print
+        text = reprlib.repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text)} characters)"
 
 
 class Fault(NamedTuple):
@@ -19,13 +31,8 @@ class Fault(NamedTuple):
 
     def __str__(self) -> str:
         """One line for a person; of a value no more than what it takes to know it again."""
-        rule = re.sub(rf"\S{{{LONGEST},}}", lambda match: _short(match[0]), self.rule)  # that quotes the value
-        text = f"{_short(self.key)} = {_short(str(self.value))}: must be {rule}"
-        return text + (f" [{self.source}]" if self.source else "")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text)} characters)"
+        rule = re.sub(rf"\S{{{LONGEST},}}", lambda match: shown(match[0]), self.rule)  # that quotes the value
+        return f"{shown(self.key)} = {shown(self.value)}: must be {rule}" + (f" [{self.source}]" if self.source else "")
 
 
 class InputError(ValueError):

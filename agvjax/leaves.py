@@ -107,7 +107,7 @@ def unit_of(tree: PyTree, name: str) -> str:
 
 def metadata_of(tree: PyTree, name: str) -> Mapping[str, Any]:
     """What is written beside the field of a dotted name: rule, unit, source; empty where there is no such field."""
-    *parents, last = name.split(".")
+    *parents, last = [name] if name in children(tree) else name.split(".")  # a dictionary's name may have dots
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
     return next((f.metadata for f in fields if f.name == last), {})

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .ensemble.draws import Between as Between
     from .ensemble.draws import Distribution as Distribution
     from .ensemble.draws import OneOf as OneOf
+    from .ensemble.draws import Plus as Plus
     from .ensemble.draws import Span as Span
     from .ensemble.draws import Times as Times
     from .ensemble.draws import default_draws as default_draws
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from .tune.tuner import Tuner as Tuner
 
 _NAMES = {
-    "ensemble.draws": ("Between", "Distribution", "OneOf", "Span", "Times", "default_draws", "sample"),
+    "ensemble.draws": ("Between", "Distribution", "OneOf", "Plus", "Span", "Times", "default_draws", "sample"),
     "tune.gains": ("Gains",),
     "tune.methods.objective": ("Objective", "Requirement", "within"),
     "tune.tuner": ("Progress", "Tuner"),

@@ -87,7 +87,7 @@ SWEEP = Command(
         _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
         _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
         _option(
-            "--samples", type=integer, metavar="N", help="scenarios at every node of the grid, or in all (default: 1)"
+            "--samples", type=integer, metavar="N", help="scenarios at each node of the grid, or in all (default: 1)"
         ),
         _option(
             "--design",

@@ -15,6 +15,7 @@ from agvjax import Fault, InputError
 from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
 
+from ..config.rules import checked, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import grid
@@ -63,7 +64,12 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     if any(text.startswith("simulate.horizon") for text in arguments.set):
         horizon = config.simulate.horizon
     timing = dataclasses.replace(config.simulate, horizon=horizon)
-    return dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing)
+    return checked(dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing), _vehicle, [])
+
+
+def _vehicle(config: Config) -> list[Fault]:
+    """What is wrong with a vehicle that was drawn, a fraction of a seed too."""
+    return vehicle_faults(config) or timing_faults(config, "simulate")
 
 
 def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:

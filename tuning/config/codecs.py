@@ -11,7 +11,7 @@ from agvjax.metric_table import METRICS, metrics_of
 
 from ..ensemble.draws import Correlation
 from .settings import Bound, Limit, Weights, default_limits
-from .spellings import KINDS, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
+from .spellings import KINDS, NAMED, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
 
 if TYPE_CHECKING:
     from .read import Reader
@@ -188,7 +188,7 @@ SLOPE = Codec(_slope, lambda writer, key, slopes: writer.fields(key, slopes), ob
 CODECS = {
     "scenario.deadzone": Codec(_deadzones, _write_deadzones),
     "scenario.actuators": Codec(_chains, _write_chains, rule=CHAINS),
-    "ensemble.draws": _named(draw, KINDS),
+    "ensemble.draws": _named(draw, NAMED["ensemble.draws"]),
     "ensemble.correlation": Codec(_correlation, lambda writer, key, x: x._asdict(), setting=Correlation),
     "tune.gains": _names(0),
     "tune.tied": _named(gain),
@@ -201,6 +201,6 @@ CODECS = {
     "sweep.controllers": _names(0),
     "sweep.fails": _judged(lambda x: Bound(value=x), blank="value"),
     "identify.fit": _names(),
-    "identify.columns": _named(column, ("column", "unit", "factor")),
+    "identify.columns": _named(column, NAMED["identify.columns"]),
     **{f"{law}.{name}": SLOPE for law in ("controller", "controller.inner") for name in ("Pi_hat", "Pi_psi_hat")},
 }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+from collections.abc import Mapping
 from typing import TypeVar
 
 import agvjax
 from agvjax.metric_table import metrics_of
 
-from ..ensemble.draws import correlated, default_draws
+from ..ensemble.draws import Usual, correlated, default_draws
 from .settings import SWEPT_METRICS, Config, Ensemble, Sweep, Tune, default_limits, default_over
 
 Section = TypeVar("Section", Ensemble, Tune, Sweep)
@@ -23,9 +24,13 @@ def complete(config: Config) -> Config:
     """
     plant, law, leaves = config.scenario.plant, config.controller, agvjax.leaves(config.scenario)
     known = metrics_of(plant)
-    draws = {name: draw for name, draw in default_draws(plant.actuators).items() if name in leaves}
+    usual = default_draws(plant.actuators, config.scenario.start)
+    draws = {name: draw for name, draw in usual.items() if name in leaves}
     axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
     ensemble = _filled(config.ensemble, draws=draws)
+    if isinstance(ensemble.draws, Mapping):
+        draws = {n: usual.get(n, draw) if isinstance(draw, Usual) else draw for n, draw in ensemble.draws.items()}
+        ensemble = dataclasses.replace(ensemble, draws=draws)
     if ensemble.correlation is not None:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
             tied = correlated(ensemble.draws, ensemble.correlation)

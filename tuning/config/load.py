@@ -18,8 +18,9 @@ from .old import present, warned
 from .read import Reader
 from .rules import Rules, checked, faults
 from .settings import VERSION, Config
-from .spellings import KINDS, Toml
+from .spellings import KINDS, NAMED, Toml, flat
 
+SECTIONS = ("scenario", "scenario.start", "simulate", "ensemble", "tune", "tune.search", "pareto", "sweep", "identify")
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
 
 
@@ -29,9 +30,12 @@ def load(
     rules: Rules | str = faults,
     more: Mapping[str, Toml] | None = None,
     imports: Sequence[str] = (),
-    note: Callable[[str], None] = warned,
+    note: Callable[[str], None] | None = None,
 ) -> Config:
     """The defaults, each file, each `key=value`, then `more` by dotted key; completed and checked.
+
+    Where nothing says a scenario and a file has a controller, as `gains.toml` does, `config.toml` beside that file is
+    read before all others.
 
     Args:
         files: TOML files, or names of presets.
@@ -39,27 +43,60 @@ def load(
         rules: what is wrong with a configuration; every room has such a function for what it needs.
         more: values by dotted key.
         imports: files of Python with classes of one's own, which TOML then knows by name; they are executed.
-        note: told of every name that is old and still read.
+        note: told of every name that is old and still read, of a file that is read besides, and of what is not read
+            in a file; by default they are warnings.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     loaded, table = load_files(imports), {}
-    parts = [*map(parsed, files), *map(_override, overrides), *(_nested(key, x) for key, x in (more or {}).items())]
+    read = {name: parsed(name) for name in files}
+    parts = [
+        *read.values(),
+        *map(_override, overrides),
+        *(_nested(key.split("."), x) for key, x in (more or {}).items()),
+    ]
+    if not any("scenario" in part for part in parts):
+        parts = [*_beside(read, note or said), *parts]
     for part in parts:
         claim(part, loaded)
-        _merge(table, present(part, note))
-    return resolve(table, rules, imports)
+        _merge(table, _plain_names(present(part, note or warned)))
+    return resolve(table, rules, imports, note or said)
 
 
-def resolve(table: Mapping[str, Toml], rules: Rules | str = faults, imports: Sequence[str] = ()) -> Config:
-    """The configuration that a table of TOML means, completed and checked by `rules`.
+def said(text: str) -> None:
+    """What a caller in Python should know."""
+    warnings.warn(text, UserWarning, stacklevel=3)
+
+
+def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict[str, Toml]]:
+    """The configurations beside files that have a controller and do not say which vehicle it is for."""
+    tables = []
+    for name, table in files.items():
+        if "controller" not in table or Path(name).name == "config.toml":
+            continue
+        whole, text = Path(name).with_name("config.toml"), f"{name} has a controller and no scenario"
+        if whole.is_file():
+            note(f"{text}: what it leaves open is read from {whole}; another --config says another scenario")
+            tables.append(parsed(str(whole)))
+        elif set(table) <= {"version", "imports", "controller"}:
+            note(f"{text}: it is run in the paper's; another --config says another scenario")
+    return tables
+
+
+def resolve(
+    table: Mapping[str, Toml],
+    rules: Rules | str = faults,
+    imports: Sequence[str] = (),
+    note: Callable[[str], None] = said,
+) -> Config:
+    """The configuration that a table of TOML means, completed and checked by `rules`; `note` as of `load`.
 
     Raises:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     version = table.get("version", VERSION)
-    if version != VERSION:
+    if type(version) is not int or version != VERSION:
         raise agvjax.InputError([agvjax.Fault("version", repr(version), f"{VERSION}, the file format of this release")])
     files = load_files(imports)
     claim(table, files)
@@ -87,43 +124,72 @@ def parsed(name: str) -> dict[str, Toml]:
 
 
 def _override(setting: str) -> Toml:
-    key, equals, value = setting.partition("=")
-    if not equals or not key.strip() or "\n" in setting:
-        raise agvjax.InputError([agvjax.Fault("--set", repr(setting), "key=value")])
+    match = re.fullmatch(rf"\s*({PART}(?:\.{PART})*)\s*=(.*)", setting)
+    if match is None:
+        rule = "key=value, a part of the key with dots in quotes"
+        raise agvjax.InputError([agvjax.Fault("--set", repr(setting), rule)])
+    key, value = match.groups()
     try:
-        if key.count(".") > DEEPEST:
+        names = [part.strip() for part in re.findall(PART, key)]
+        if len(names) > DEEPEST:
             raise ValueError(f"a key of more than {DEEPEST} parts")
-        parsed = toml(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        parsed = _loose(value.strip())
+        parts = [toml(f"part = {name}")["part"] if name[0] in "\"'" else name for name in names]
+        parsed = _value(value)
     except ValueError as error:  # integers of thousands of digits, or nested without end
         raise agvjax.InputError([agvjax.Fault("--set", repr(setting), f"key=value ({error})")]) from error
-    return _nested(key.strip(), parsed)
+    return _nested(parts, parsed)
 
 
-def _loose(value: str) -> Toml:
-    """A value that is no TOML: numbers as a person may write them, .3 or 5., alone or in a list; else a bare word."""
-    numbers = re.sub(r"(?<![\w.])\.(?=\d)", "0.", re.sub(r"(?<=\d)\.(?![\d.])", ".0", value))
+PART = r"""(?:[ \t]*(?:"(?:[^"\\\n]|\\[^\n])*"|'[^'\n]*')[ \t]*|[^."'=\n]*[^."'=\s][^."'=\n]*)"""  # quoted or bare
+
+
+def _value(text: str) -> Toml:
+    """A value as TOML has it; what is no TOML is a number as a person may write it, .3 or 5., or a bare word."""
     try:
-        return value if numbers == value or re.search("[\"']", value) else toml(f"value = {numbers}")["value"]
+        return toml(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        word = text.strip()
+    numbers = re.sub(r"(?<![\w.])\.(?=\d)", "0.", re.sub(r"(?<=\d)\.(?![\d.])", ".0", word))
+    try:
+        return word if numbers == word or re.search("[\"']", word) else toml(f"value = {numbers}")["value"]
     except ValueError:
-        return value
+        return word
 
 
-def _nested(key: str, value: Toml) -> Toml:
-    for part in reversed(key.split(".")):
+def _nested(parts: Sequence[str], value: Toml) -> Toml:
+    for part in reversed(parts):
         value = {part: value}
     return value
 
 
-def _merge(into: dict[str, Toml], table: Mapping[str, Toml]) -> None:
-    for key, value in table.items():
-        if isinstance(value, Mapping) and isinstance(into.get(key), str):
-            into[key] = {"type": into[key]}  # a name stands for its table
-        if isinstance(value, Mapping) and isinstance(into.get(key), dict) and not _another(into[key], value):
-            _merge(into[key], value)
-        else:
-            into[key] = value
+def _plain_names(table: dict[str, Toml]) -> dict[str, Toml]:
+    """The table with names with dots as one key each, in quotes or not, so that a later one finds an earlier one.
+
+    Raises:
+        InputError: both spellings of a name are there, and none of them is the later one.
+    """
+    for key, kinds in NAMED.items():
+        section, _, name = key.partition(".")
+        inner = table.get(section)
+        if not isinstance(inner, Mapping) or not isinstance(inner.get(name), Mapping):
+            continue
+        rows = flat(inner[name], kinds)
+        if twice := [row for row, _ in rows if [other for other, _ in rows].count(row) > 1]:
+            raise agvjax.InputError([agvjax.Fault(key, twice[0], "named once, in quotes or not")])
+        table = {**table, section: {**inner, name: dict(rows)}}
+    return table
+
+
+def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> None:
+    """Put a table over another one, key by key; `at` is the key of both."""
+    for name, value in table.items():
+        before, key = into.get(name), f"{at}.{name}" if at else name
+        if isinstance(value, Mapping) and isinstance(before, str) and at not in NAMED:
+            before = into[name] = {"type": before}  # a name stands for its table
+        if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
+            _merge(before, value, key)
+        elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
+            into[name] = value  # and a section that is no table stays, to be refused
 
 
 def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:

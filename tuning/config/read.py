@@ -29,7 +29,8 @@ class Reader:
 
     def wrong(self, key: str, value: Toml, rule: str, source: str = "") -> None:
         """Note what is wrong."""
-        self.faults.append(agvjax.Fault(key, value if isinstance(value, (int, float)) else repr(value), rule, source))
+        word = repr(value) if isinstance(value, str) else value
+        self.faults.append(agvjax.Fault(key, word, rule, source))
 
     def unknown(self, key: str, value: Toml, known: Sequence[str]) -> None:
         """Note a name that is not known."""

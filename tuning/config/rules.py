@@ -19,7 +19,7 @@ from .read import Reader
 from .settings import Config
 from .write import table_of
 
-MOST_STEPS = 1e8
+MOST_STEPS, MOST_SEED = 1e8, 2**31
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
 BASES = {"scenario": agvjax.Scenario} | {places[0]: base for base, places in PLACES.items() if base is not Element}
 OPTIONAL = ("scenario.heading", "scenario.sensor")
@@ -27,15 +27,20 @@ OPTIONAL = ("scenario.heading", "scenario.sensor")
 
 def faults(config: Config) -> list[Fault]:
     """What is wrong with law, scenario and step, whatever is done with them."""
-    scenario, law, every = config.scenario, config.controller, config.simulate.control_every
-    wrong = agvjax.faults(config)
+    every = config.simulate.control_every
+    wrong = vehicle_faults(config)
+    if config.controller.control_period() is not None and every != 1:
+        wrong.append(Fault("simulate.control_every", every, "1: a sampled law has a period of its own"))
+    wrong += _correlation(config) + _seeds(config)
+    return wrong or timing_faults(config, "simulate")
+
+
+def vehicle_faults(config: Config) -> list[Fault]:
+    """Numbers that break their rule, and what of the law or of a heading does not suit the scenario."""
+    scenario, wrong = config.scenario, agvjax.faults(config)
     if scenario.heading is not None:
         wrong += [fault._replace(key=f"scenario.{fault.key}") for fault in scenario.heading.faults(scenario.path)]
-    wrong += [fault._replace(key=f"controller.{fault.key}") for fault in law.faults(scenario.plant)]
-    if law.control_period() is not None and every != 1:
-        wrong.append(Fault("simulate.control_every", every, "1: a sampled law has a period of its own"))
-    wrong += _correlation(config)
-    return wrong or timing_faults(config, "simulate")
+    return wrong + [fault._replace(key=f"controller.{fault.key}") for fault in config.controller.faults(scenario.plant)]
 
 
 def check(config: Config, rules: Rules = faults) -> Config:
@@ -84,6 +89,13 @@ def unique(faults: Iterable[Fault]) -> list[Fault]:
     return list({str(fault): fault for fault in faults}.values())
 
 
+def _seeds(config: Config) -> list[Fault]:
+    """Seeds of noise and jitter that are no whole numbers; drawn ones may be: of those the whole part counts."""
+    seeds = {n: x for n, x in agvjax.leaves(config.scenario).items() if n.endswith(".seed") and np.ndim(x) == 0}
+    bad = {n: float(x) for n, x in seeds.items() if not (x == np.floor(x) and x < MOST_SEED)}
+    return [Fault(f"scenario.{n}", x, "a whole number below 2^31") for n, x in bad.items()]
+
+
 def _correlation(config: Config) -> list[Fault]:
     """Correlations between leaves that are not single numbers, or numbers that are no correlations."""
     correlation, draws = config.ensemble.correlation, config.ensemble.draws or {}
@@ -103,11 +115,9 @@ def _correlation(config: Config) -> list[Fault]:
 def timing_faults(config: Config, label: str) -> list[Fault]:
     """A step of "simulate", "tune" or "sweep" that does not suit the law, the actuators, the horizon or the control."""
     section, simulate, key = getattr(config, label), config.simulate, f"{label}.dt"
-    dt, horizon, method = section.dt, simulate.horizon, agvjax.INTEGRATORS[section.integrator]
-    wrong = agvjax.step_faults(config.controller, dt, horizon, method, config.scenario)
-    if wrong:
-        keys = {"horizon": "simulate.horizon", "dt": key}
-        return [fault._replace(key=keys.get(fault.key, f"scenario.{fault.key}")) for fault in wrong]
+    dt, horizon = section.dt, simulate.horizon
+    if wrong := step_faults(config, label):
+        return wrong
     steps, interval = horizon / dt, simulate.control_every * simulate.dt
     if steps > MOST_STEPS:
         return [Fault(key, dt, f"at least {horizon / MOST_STEPS:.3g} s: at most {MOST_STEPS:.0g} steps")]
@@ -119,6 +129,14 @@ def timing_faults(config: Config, label: str) -> list[Fault]:
     if label == "simulate" and round(steps) % simulate.save_every:
         return [Fault("simulate.save_every", simulate.save_every, f"a divisor of the number of steps, {round(steps)}")]
     return []
+
+
+def step_faults(config: Config, label: str) -> list[Fault]:
+    """A step of "simulate", "tune" or "sweep" that the law or an actuator cannot do with."""
+    section, keys = getattr(config, label), {"horizon": "simulate.horizon", "dt": f"{label}.dt"}
+    method = agvjax.INTEGRATORS[section.integrator]
+    wrong = agvjax.step_faults(config.controller, section.dt, config.simulate.horizon, method, config.scenario)
+    return [fault._replace(key=keys.get(fault.key, f"scenario.{fault.key}")) for fault in wrong]
 
 
 def _whole(count: float) -> bool:

@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from ..ensemble.draws import Between, Correlated, Distribution, Draw, OneOf, Span, Times
+from ..ensemble.draws import LEAST, Between, Correlated, Distribution, Draw, OneOf, Plus, Range, Span, Times, Usual
 from ..io.csv_file import Column
 
 Toml = Any  # what a file may hold, or a person may have put in its place
 Setting = Any  # what that stands for: a number, a word, an object of the simulator or of the settings
-KINDS = ("between", "times", "one_of", "distribution")  # of draws
+KINDS = ("between", "plus", "times", "one_of", "distribution")  # of draws
+NAMED = {  # tables of values by name, each with the keys of a value that is a table
+    "ensemble.draws": KINDS,
+    "tune.tied": (),
+    "tune.bounds": (),
+    "identify.columns": ("column", "unit", "factor"),
+}
 
 
 def flat(table: Mapping[str, Toml], kinds: Sequence[str], prefix: str = "") -> list[tuple[str, Toml]]:
@@ -50,22 +56,33 @@ def pair(value: Toml, name: str) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
+RANGES: dict[str, type[Range]] = {"between": Between, "plus": Plus, "times": Times}
+
+
 def draw(table: Toml, name: str = "") -> Draw:
     """How a leaf is drawn."""
-    rule = "{ between = [low, high] }, { times = [low, high] } with low <= high, { one_of = [values] }, or"
-    rule += ' { distribution = "a name in scipy.stats", its parameters, times = true or false }'
+    rule = (
+        "{ between = [low, high] }, { plus = [low, high] }, { times = [low, high] } with low <= high, or a [low, high]"
+    )
+    rule += (
+        ' for each element; { one_of = [values] }; { distribution = "a name in scipy.stats", its parameters, times ='
+    )
+    rule += ' true or false }; or "default"'
+    if table == "default":
+        return Usual()
     rest = dict(table) if isinstance(table, Mapping) else {}
     if "distribution" in rest:
         return _distribution(rest, rule)
     kind, value = next(iter(rest.items())) if len(rest) == 1 else ("", None)
     array = numbers(value) if isinstance(value, list) else None
-    if array is None or array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+    if array is None or not array.size or not np.all(np.isfinite(array)):
         raise ValueError(rule)
-    if kind == "one_of":
+    if kind == "one_of" and array.ndim == 1:
         return OneOf(tuple(array.tolist()))
-    if kind not in ("between", "times") or array.size != 2 or array[0] > array[1]:
+    if kind not in RANGES or array.ndim > 2 or array.shape[-1] != 2 or np.any(array[..., 0] > array[..., 1]):
         raise ValueError(rule)
-    return (Between if kind == "between" else Times)(*array.tolist())
+    low, high = (tuple(end) if isinstance(end, list) else end for end in array.T.tolist())
+    return RANGES[kind](low, high)
 
 
 def _distribution(rest: dict[str, Toml], rule: str) -> Distribution:
@@ -74,14 +91,15 @@ def _distribution(rest: dict[str, Toml], rule: str) -> Distribution:
         raise ValueError(rule)
     distribution = Distribution(family, {key: float(value) for key, value in rest.items()}, times)
     try:
-        distribution.quantile(0.5, 1.0)
+        for share in (LEAST, 0.5, 1 - LEAST):  # its tails may be infinite where the middle is not
+            distribution.quantile(share, 1.0)
     except ValueError as error:
         raise ValueError(f"a distribution of scipy.stats with its parameters ({error})") from error
     return distribution
 
 
 def _number(value: Toml) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, (int, float)) and numbers(value) is not None  # no flag, and no integer beyond any float
 
 
 def span(table: Toml, name: str = "") -> Span:
@@ -126,8 +144,11 @@ def _spelled_column(place: Column) -> Toml:
 
 
 SPELLED = {
-    Between: lambda draw: {"between": [draw.low, draw.high]},
-    Times: lambda draw: {"times": [draw.low, draw.high]},
+    **{
+        cls: lambda draw, kind=kind: {kind: np.transpose([draw.low, draw.high]).tolist()}
+        for kind, cls in RANGES.items()
+    },
+    Usual: lambda draw: "default",
     OneOf: lambda draw: {"one_of": draw.values},
     Distribution: lambda draw: {"distribution": draw.name, **draw.parameters, "times": draw.times},
     Correlated: lambda draw: spelled(draw.marginal),  # of their correlation [ensemble] has a table

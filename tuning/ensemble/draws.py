@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -13,9 +14,11 @@ import agvjax
 from agvjax.leaves import get
 
 TAIL = 1e-3  # of a distribution, left out on either side of its box
-
+LEAST = 2.0**-53  # the smallest share above 0 that is drawn, and 1 - LEAST the largest
+WITHIN = (0.0, 0.382, 0.618, 1.0)  # shares of a range that stand for all of it: its ends, and two that are no fractions
 
 Numbers = float | np.ndarray
+End = float | tuple[float, ...]  # of a range: of a number, or of all elements of an array, or of each
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +43,11 @@ class Draw:
         tail = TAIL if self.tailed else 0.0
         return tail, 1 - tail
 
+    def along(self, shares: Sequence[float] | np.ndarray, nominal: np.ndarray) -> np.ndarray:
+        """The values of a leaf (n, ...) at shares (n,), the same for all its elements."""
+        shares = np.asarray(shares, float).reshape(-1, *[1] * nominal.ndim)
+        return np.asarray(self.quantile(shares + 0 * nominal, nominal), float)
+
     def partners(self, leaf: str) -> Mapping[str, float]:
         """By leaf, how much of its normal number goes into that of this `leaf`; see `together`."""
         return {leaf: 1.0}
@@ -48,29 +56,60 @@ class Draw:
         """The same draw, independent of those of other leaves."""
         return self
 
+    def of(self, element: int) -> Draw:
+        """That of one element of an array."""
+        return self
+
+    @property
+    def width(self) -> int | None:
+        """The number of elements that it has a range for each of; None: any will do."""
+        return None
+
 
 @dataclasses.dataclass(frozen=True)
-class Between(Draw):
+class Range(Draw):
+    """A uniform draw between two ends."""
+
+    low: End
+    high: End
+
+    def of(self, element: int) -> Draw:
+        """That of one element of an array."""
+        return self if self.width is None else type(self)(*(np.asarray(x)[element].item() for x in vars(self).values()))
+
+    @property
+    def width(self) -> int | None:
+        """The number of elements that it has a range for each of; None: any will do."""
+        return len(self.low) if isinstance(self.low, tuple) else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Between(Range):
     """Uniform between two values, in the unit of the leaf."""
 
-    low: float
-    high: float
-
     def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies."""
-        return np.asarray(self.low + (self.high - self.low) * share + 0 * nominal)
+        low, high = np.asarray(self.low), np.asarray(self.high)
+        return np.asarray(low + (high - low) * share + 0 * nominal)
 
 
 @dataclasses.dataclass(frozen=True)
-class Times(Draw):
-    """The nominal value, which is not negative, times a uniform factor."""
-
-    low: float
-    high: float
+class Plus(Range):
+    """The nominal value plus a uniform part, in the unit of the leaf."""
 
     def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
         """The value below which a `share` of the draws lies."""
-        low, high = self.low * nominal, self.high * nominal
+        low, high = nominal + np.asarray(self.low), nominal + np.asarray(self.high)
+        return np.asarray(low + (high - low) * share)
+
+
+@dataclasses.dataclass(frozen=True)
+class Times(Range):
+    """The nominal value, which is not negative, times a uniform factor."""
+
+    def quantile(self, share: Numbers, nominal: Numbers) -> np.ndarray:
+        """The value below which a `share` of the draws lies."""
+        low, high = np.asarray(self.low) * nominal, np.asarray(self.high) * nominal
         return np.asarray(low + (high - low) * share)
 
 
@@ -156,15 +195,49 @@ class Span(NamedTuple):
     points: int = 0
 
 
-def default_draws(actuators: Iterable[str] = ("position", "heading")) -> dict[str, Draw]:
-    """The default tuning problem: every deadzone number within a half of nominal, disturbance and start drawn too."""
+def places(draws: Sequence[Draw], points: int = 0) -> np.ndarray:
+    """Shares at which leaves that move as one stand: of a grid its `points`, of a distribution all but its tails.
+
+    What is sampled, without points, stands anywhere: its ends and two shares within are what is looked at, or, where
+    there are only some values, each of them.
+    """
+    if isinstance(draws[0], OneOf):
+        count = points or len(draws[0].values)
+        return (np.arange(count) + 0.5) / count
+    tail = max(draw.ends[0] for draw in draws)
+    if points:
+        return np.linspace(tail, 1 - tail, points) if points > 1 else np.array([0.5])
+    return tail + (1 - 2 * tail) * np.array(WITHIN)
+
+
+def element_of(name: str) -> tuple[str, int | None]:
+    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
+    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    leaf, element = (match[1], int(match[2])) if match else (name, None)
+    return leaf.removeprefix("scenario."), element
+
+
+@dataclasses.dataclass(frozen=True)
+class Usual(Draw):
+    """As `default_draws` has it; nothing that uses draws meets it, `complete` puts the other in its place."""
+
+
+def default_draws(
+    actuators: Iterable[str] = ("position", "heading"), start: agvjax.Start | None = None
+) -> dict[str, Draw]:
+    """The default tuning problem: every deadzone number within a half of nominal, disturbance and start drawn too.
+
+    The start is drawn about the beginning of the paper's path, where the nominal `start` lies in what is drawn there;
+    a start elsewhere is drawn as far about itself.
+    """
     parts = ("slope_right", "slope_left", "threshold_right", "threshold_left")
     draws: dict[str, Draw] = {f"deadzone.{c}.{p}": Times(0.5, 1.5) for c in actuators for p in parts}
-    return draws | {
-        "disturbance.amplitude": Between(0.0, 0.4),
-        "start.position": Between(-0.5, 0.5),
-        "start.heading": Between(-0.5, 1.0),
-    }
+    there = {"start.position": Between(-0.5, 0.5), "start.heading": Between(-0.5, 1.0)}
+    start = agvjax.Start() if start is None or agvjax.faults(start) else start
+    nominal = {name: np.asarray(get(start, name.removeprefix("start.")), float) for name in there}
+    inside = all(np.all((x >= there[name].low) & (x <= there[name].high)) for name, x in nominal.items())
+    elsewhere = {"start.position": Plus(-0.5, 0.5), "start.heading": Plus(-0.75, 0.75)}
+    return draws | {"disturbance.amplitude": Between(0.0, 0.4)} | (there if inside else elsewhere)
 
 
 def uniform(seed: int, stream: str, size: int, width: int = 1, first: int = 0) -> np.ndarray:

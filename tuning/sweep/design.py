@@ -6,7 +6,6 @@ A scenario depends on the design and on its number alone, so that any process ca
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -18,12 +17,12 @@ import agvjax
 from agvjax.leaves import get, unit_of
 from agvjax.protocols import Law
 
+from ..config.ends import LAW
 from ..config.settings import Config
-from ..ensemble.draws import Draw, together, uniform
+from ..ensemble.draws import Draw, element_of, places, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on
-LAW = "controller."  # what the names of gains begin with
 SENSITIVITY = ("saltelli", "morris")
 Leaves = Mapping[str, ArrayLike]  # of scenarios and controllers, by name, each (n, ...)
 
@@ -55,10 +54,7 @@ class Axis(NamedTuple):
     @property
     def places(self) -> np.ndarray:
         """Where the points of a grid lie, (P,); of a distribution all but its tails."""
-        if not self.targets[0].draw.moves:
-            return (np.arange(self.points) + 0.5) / self.points
-        tail = max(target.draw.ends[0] for target in self.targets)
-        return np.linspace(tail, 1 - tail, self.points) if self.points > 1 else np.array([0.5])
+        return places([target.draw for target in self.targets], self.points)
 
 
 def targets_of(axes: Iterable[Axis]) -> list[tuple[Axis, Target]]:
@@ -127,9 +123,7 @@ class Design(NamedTuple):
 
     def value(self, target: Target, share: float | np.ndarray) -> np.ndarray:
         """What a target is at shares (n,) of its axis: (n,), or (n, ...) where it is a whole array."""
-        nominal = self.nominal_of(target)
-        share = np.asarray(share, float).reshape(-1, *[1] * nominal.ndim)
-        return np.asarray(target.draw.quantile(share + 0 * nominal, nominal), float)
+        return target.draw.along(np.atleast_1d(share), self.nominal_of(target))
 
     def shares(self, first: int, count: int) -> np.ndarray:
         """Where scenarios lie along every axis, (count, grid axes + sampled axes)."""
@@ -189,16 +183,10 @@ def design(config: Config) -> Design:
         for name in sorted(set(config.ensemble.draws) - taken):
             shape = np.shape(get(config.scenario, name))
             elements = range(shape[0]) if shape else (None,)
-            axes += [Axis((Target(name, i, config.ensemble.draws[name]),), 0) for i in elements]
+            draw = config.ensemble.draws[name]
+            axes += [Axis((Target(name, i, draw if i is None else draw.of(i)),), 0) for i in elements]
     grid, sampled = (tuple(a for a in axes if bool(a.points) is whole) for whole in (True, False))
     return Design(config.controller, config.scenario, grid, sampled, settings.design, settings.samples, config.seed)
-
-
-def element_of(name: str) -> tuple[str, int | None]:
-    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
-    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
-    leaf, element = (match[1], int(match[2])) if match else (name, None)
-    return leaf.removeprefix("scenario."), element
 
 
 def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: int, count: int) -> np.ndarray:

@@ -11,10 +11,10 @@ from agvjax import Fault, InputError
 from agvjax.protocols import Law
 
 from ..config.codecs import Toml
+from ..config.ends import LAW
 from ..config.load import parsed, resolve
 from ..config.settings import Config
 from ..config.write import table_of
-from .design import LAW
 from .rules import faults
 
 Laws = dict[str, Law]  # by name, the configured one first

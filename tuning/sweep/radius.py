@@ -15,10 +15,11 @@ import numpy as np
 
 import agvjax
 
+from ..config.ends import LAW
 from ..config.settings import Config
 from ..ensemble.draws import Between
 from ..ensemble.worst import Adversary
-from .design import LAW, Axis, Design, Target, targets_of
+from .design import Axis, Design, Target, targets_of
 from .results import Results
 
 CLOSE, LEAST = 0.01, 1e-3  # between the box that stands and the failure next to it: a share of it, at least so much

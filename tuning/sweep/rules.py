@@ -10,11 +10,12 @@ import agvjax
 from agvjax import Fault
 from agvjax.metric_table import metrics_of
 
-from ..config import rules
+from ..config import ends, rules
+from ..config.ends import LAW, Moving
 from ..config.settings import Config
-from ..ensemble.draws import Draw
-from ..ensemble.rules import beyond_rules, ends_beyond_rules, near, undrawable
-from .design import LAW, SENSITIVITY, design, element_of
+from ..ensemble.draws import Draw, element_of
+from ..ensemble.rules import near, undrawable, uneven
+from .design import SENSITIVITY, design
 
 MOST_SCENARIOS = 10**9
 FEW = 8  # samples of which sensitivities say something
@@ -23,7 +24,12 @@ FEW = 8  # samples of which sensitivities say something
 def faults(config: Config) -> list[Fault]:
     """What is wrong with a configuration that is to be swept."""
     wrong = rules.faults(config) or [*_axes(config), *_design(config)]
-    wrong = wrong or _size(config) or rules.timing_faults(config, "sweep")
+    wrong = (
+        wrong
+        or _size(config)
+        or rules.timing_faults(config, "sweep")
+        or ends.faults(config, _moving(config), ["sweep"])
+    )
     known = metrics_of(config.scenario.plant)
     asked = {"sweep.metrics": config.sweep.metrics, "sweep.fails": config.sweep.fails}
     wrong += [
@@ -50,7 +56,7 @@ def _axes(config: Config) -> Iterator[Fault]:
             seen.append((leaf, element))
     if sweep.ensemble:
         draws = config.ensemble.draws
-        yield from undrawable(config.scenario, draws) or beyond_rules(config.scenario, draws)
+        yield from undrawable(config.scenario, draws)
     elif not sweep.over:
         yield Fault("sweep.over", "[]", "at least one leaf, or ensemble = true")
 
@@ -89,13 +95,13 @@ def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
     nominal = np.asarray(known[inner], float)
     if element is not None and (nominal.ndim != 1 or element >= nominal.size):
         return [Fault("sweep.over", name, f"an element of {leaf}, which has the shape {nominal.shape}")]
-    ends = draw.box(nominal if element is None else nominal[element])
-    if element is not None:
-        ends = tuple(np.where(np.arange(nominal.size) == element, end, nominal) for end in ends)
-    wrong = ends_beyond_rules(tree, inner, ends, f"sweep.over.{name}")
-    if wrong or not lawful:
-        return wrong
-    step, method = config.sweep.dt, agvjax.INTEGRATORS[config.sweep.integrator]
-    for end in ends:
-        wrong += agvjax.step_faults(agvjax.replace(tree, {inner: end}), step, config.simulate.horizon, method)
-    return [fault._replace(key=f"sweep.dt, with {name} at an end of its axis") for fault in wrong[:1]]
+    wrong = uneven(f"sweep.over.{name}", draw, nominal.shape if element is None else ())
+    return [] if wrong is None else [wrong]
+
+
+def _moving(config: Config) -> list[Moving]:
+    """What is swept, and what is drawn besides."""
+    axes = [Moving("sweep.over", table) for table in config.sweep.over]
+    swept = {element_of(name)[0] for axis in axes for name in axis.spans}
+    draws = config.ensemble.draws if config.sweep.ensemble else {}
+    return axes + Moving.drawn({name: draw for name, draw in draws.items() if name not in swept})

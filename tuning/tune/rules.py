@@ -9,9 +9,10 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import metrics_of
 
-from ..config import rules
+from ..config import ends, rules
+from ..config.ends import Moving
 from ..config.settings import Config, Tune
-from ..ensemble.rules import beyond_rules, undrawable
+from ..ensemble.rules import undrawable
 from .methods import method
 from .methods.objective import STATISTICS
 
@@ -89,7 +90,16 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
 
 def _boxes(config: Config) -> list[agvjax.Fault]:
     """Draws that can draw what their leaf may not hold, and gains that are no single number."""
-    found = beyond_rules(config.scenario, config.ensemble.draws)
+    found = ends.faults(config, Moving.drawn(config.ensemble.draws), ["tune", "simulate"])
     leaves = agvjax.leaves(config.controller)
     several = [name for name in config.tune.gains if np.ndim(leaves[name])]
+    clock = [name for name in config.tune.gains if name not in several and _sets_period(config.controller, name)]
+    rule = "a gain: control instants, and with them the period, must stay whole multiples of the step"
+    found += [agvjax.Fault("tune.gains", name, rule) for name in clock]
     return found + [agvjax.Fault("tune.gains", name, "a single number") for name in several]
+
+
+def _sets_period(law: agvjax.Law, gain: str) -> bool:
+    """Whether another value of a gain is another control period."""
+    other = agvjax.replace(law, {gain: 2 * agvjax.leaves(law)[gain]})
+    return other.control_period() != law.control_period()

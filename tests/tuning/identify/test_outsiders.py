@@ -1,8 +1,9 @@
-"""Logs as people bring them: a robot that never moves, headings at pi, half-empty cells, short levers, late commands."""
+"""Logs as people bring them: robots that never move, headings at pi, half-empty cells, short levers, late commands."""
 
 import csv
 import json
 import warnings
+from types import MappingProxyType
 
 import jax.numpy as jnp
 import numpy as np
@@ -67,7 +68,7 @@ def log_of(tmp_path):
 def refusal(log_of):
     """The faults that rows are refused for."""
 
-    def faults(rows, columns={}, header=HEADER) -> list[Fault]:
+    def faults(rows, columns=MappingProxyType({}), header=HEADER) -> list[Fault]:
         with pytest.raises(agvjax.InputError) as error:
             log_of(rows, columns, header)
         return error.value.faults

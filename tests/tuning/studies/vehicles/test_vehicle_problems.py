@@ -1,5 +1,6 @@
 """Vehicles on the command line and in the tuner: what a configuration means for them, and what it may not say."""
 
+import dataclasses
 import json
 import tomllib
 
@@ -14,6 +15,7 @@ from tuning import config as configuration
 from tuning.cli import main as cli
 from tuning.config.load import BUILT_IN, resolve
 from tuning.sweep import rules as sweep_rules
+from tuning.sweep.laws import named
 from tuning.tune import rules as tune_rules
 
 SHORT = ["simulate.horizon=0.2", "simulate.save_every=10"]
@@ -49,6 +51,26 @@ def test_the_computer_takes_the_vehicle_for_the_configured_one_unless_told():
     believed = {"type": "sampled", "vehicle": {"type": "unicycle", "L": 0.6}}
     config = resolve({"controller": believed, "scenario": {"plant": "unicycle"}})
     assert (config.controller.vehicle.L, config.scenario.plant.L) == (0.6, 0.5)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_gains_of_a_vehicle_are_read_back_with_the_vehicle(name, tmp_path):
+    first = configuration.load([name], ["simulate.horizon=3", "scenario.limit=500"])
+    law = agvjax.replace(first.controller, {"inner.k1": 3.25})
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(law))
+    notes = []
+    with pytest.raises(agvjax.InputError, match=r"a vehicle with the actuators of scenario.plant"):
+        configuration.load([str(tmp_path / "gains.toml")], note=notes.append)  # nothing says which vehicle
+    assert "it is run in the paper's" in notes.pop()
+    (tmp_path / "config.toml").write_text(configuration.dump(first))
+    again = configuration.load([str(tmp_path / "gains.toml")], ["seed=3"], note=notes.append)
+    assert notes.pop().endswith(f"read from {tmp_path / 'config.toml'}; another --config says another scenario")
+    whole = configuration.dump(dataclasses.replace(first, controller=law, seed=3))
+    assert configuration.dump(again) == whole
+    elsewhere = configuration.load([str(tmp_path / "gains.toml"), name], note=notes.append)
+    assert not notes and elsewhere.scenario.limit == 1000
+    sweep = configuration.load([name], [f"sweep.controllers=['{tmp_path}/gains.toml']"], sweep_rules.faults)
+    assert [float(one.inner.k1) for one in named(sweep).values()] == [float(first.controller.inner.k1), 3.25]
 
 
 def test_a_type_given_by_name_can_be_refined():
