@@ -17,7 +17,7 @@ COPIED := $(if $(DEV),,README.md LICENSE $(shell find agvjax tuning -name '*.pyc
 SOURCES := pyproject.toml $(COPIED)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune sweep reproduce compare vehicles bench dev test slow check lint types notebooks format clean
+.PHONY: help tune sweep reproduce compare vehicles bench dev test fuzz slow check lint types notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -45,6 +45,9 @@ dev: $(VENV)/.installed-dev ## .venv with the package and the tools for developm
 
 test: $(VENV)/.installed-dev ## quick tests, JOBS at a time; more options in ARGS
 	$(BIN)/pytest -n $(JOBS) $(ARGS)
+
+fuzz: $(VENV)/.installed-dev ## calls of the command line that no user should have to make; more options in ARGS (--seed, --count)
+	$(BIN)/python tests/fuzz $(ARGS)
 
 slow: $(VENV)/.installed-dev ## the tests left out of `make test`
 	$(BIN)/pytest -n $(JOBS) -m slow $(ARGS)

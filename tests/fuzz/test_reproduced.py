@@ -1,0 +1,52 @@
+"""Calls of the command line that broke a rule once, each as the fuzzer drew it or as a person cut it down."""
+
+import contextlib
+import io
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from rules import Answer, broken
+
+import agvjax
+from tuning.cli.main import main
+from tuning.compute import compiled
+
+REPRODUCED = [  # arguments, and files by name in hexadecimal
+    (["simulate", "--set", "a=" + "[" * 5000], {}),
+    (["simulate", "--set", "controller.k1=" + "1" * 5000], {}),
+    (["simulate", "--set", ".".join("a" * 600) + "=1"], {}),
+    (["simulate", "--config", "mine.toml"], {"mine.toml": (b"a." * 100_000 + b"b = 1").hex()}),
+    (["tune", "--resume", "--out", "out"], {"out/config.toml": b"x =".hex()}),
+    (["sweep", "--out", "out"], {"out/manifest.json": (b"[" * 100_000).hex()}),
+    (["sweep", "--out", "out"], {"out/manifest.json": b'{"format": 1, "size": "64"}'.hex()}),
+    (["simulate", "--from", "out", "--index", "0"], {"out/manifest.json": b"[]".hex()}),
+    (["export", "gains.toml", "--format", "c"], {"gains.toml": (b"a = " + b"{a=" * 400 + b"1" + b"}" * 400).hex()}),
+    (["tune", "--coordinator", "localhost", "--num-processes", "2", "--process-id", "0"], {}),
+    (["tune", "--set", "tune.optimizer=noisy_sgd"], {}),
+]
+
+
+@pytest.fixture(autouse=True)
+def state_of_jax_left_alone(monkeypatch, tmp_path_factory):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    monkeypatch.setattr(compiled, "keep_compiled", lambda: None)
+    monkeypatch.setattr(agvjax, "tune_xla", lambda **_: "fast compiler options set")
+    yield
+    jax.config.update("jax_enable_x64", True)
+
+
+@pytest.mark.filterwarnings("ignore:Specifying a key:UserWarning")  # of noisy_sgd
+@pytest.mark.parametrize("case", REPRODUCED, ids=lambda case: " ".join(case[0])[:60])
+def test_what_broke_a_rule_once_breaks_none_now(case, tmp_path, monkeypatch):
+    argv, given = case
+    monkeypatch.chdir(tmp_path)
+    for name, data in given.items():
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_bytes(bytes.fromhex(data))
+    before = [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")]
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        code = main(argv)
+    assert broken(Answer(code, said.getvalue(), before, Path(os.getcwd()))) == []

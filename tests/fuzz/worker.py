@@ -1,0 +1,33 @@
+"""Answers calls of the command line, one a line, in one process: libraries are imported once."""
+
+import contextlib
+import io
+import json
+import os
+import sys
+import traceback
+
+from tuning.cli.main import main
+
+
+def answer(argv: list[str]) -> tuple[int, str]:
+    """Exit code of a call and all that it said."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            code = main(argv)
+        except SystemExit as stop:  # argparse
+            code = stop.code if isinstance(stop.code, int) else 1
+        except BaseException:  # what a user would see
+            traceback.print_exc()
+            code = 1
+    return code, said.getvalue()
+
+
+if __name__ == "__main__":
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # compilers may print
+    for line in sys.stdin:
+        folder, argv = json.loads(line)
+        os.chdir(folder)
+        print(json.dumps(answer(argv)), file=answers, flush=True)
