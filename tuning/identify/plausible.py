@@ -191,7 +191,7 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
         noise: of the positions, standard deviation [m].
     """
     picked, last = [], 0  # ends of stretches of at least 2 % of the size of the path, so that noise does not count
-    least = max(0.02 * float(np.ptp(path, axis=0).max()), CLEAR * noise, 1e-9)
+    least = max(0.02 * float(np.ptp(path, axis=0).max()), 3 * CLEAR * noise, 1e-9)
     for i in range(path.shape[0]):
         if np.linalg.norm(path[i] - path[last]) >= least:
             picked.append((last, i))
