@@ -79,15 +79,17 @@ def same_drive(one: Log, other: Log) -> bool:
 
 
 def moved(log: Log) -> bool:
-    """Whether anything that is measured changes by more than its noise, second by second."""
-    for value in log.measured.values():
-        fine = value[np.isfinite(value)]
-        count = max(4, round(1 / log.step))  # rows
-        if fine.size < 2 * count:
-            continue
-        third = np.abs(np.diff(fine, 3)) / np.sqrt(20)
-        noise = max(white_noise([fine]), float(np.quantile(third, 0.95)) / 1.96)  # of a coarse sensor most are 0
-        middle = np.median(fine[: fine.size // count * count].reshape(-1, count), axis=1)
-        if np.ptp(middle) > CLEAR * max(noise / np.sqrt(count), 1e-9 * float(np.abs(middle).max())):
-            return True
-    return False
+    """Whether anything that is measured changes by more than its noise."""
+    return any(shifts(value, log.step) for value in log.measured.values())
+
+
+def shifts(value: np.ndarray, step: float) -> bool:
+    """Whether measurements (N,) every `step` [s] change by more than their noise, second by second."""
+    fine = value[np.isfinite(value)]
+    count = max(4, round(1 / step))  # rows
+    if fine.size < 2 * count:
+        return False
+    third = np.abs(np.diff(fine, 3)) / np.sqrt(20)
+    noise = max(white_noise([fine]), float(np.quantile(third, 0.95)) / 1.96)  # of a coarse sensor most are 0
+    middle = np.median(fine[: fine.size // count * count].reshape(-1, count), axis=1)
+    return bool(np.ptp(middle) > CLEAR * max(noise / np.sqrt(count), 1e-9 * float(np.abs(middle).max())))

@@ -11,7 +11,7 @@ from agvjax import Fault
 from agvjax.geometry import wrap
 
 from ..io.csv_file import Column
-from .log import LEAST_ROWS, POSE, Log, white_noise
+from .log import LEAST_ROWS, POSE, Log, shifts, white_noise
 
 CLEAR = 5.0  # times its noise: a motion by which a unit or a heading can be judged
 WILD = 1e4  # times what is usual
@@ -56,7 +56,8 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
     turns = np.abs(np.diff(heading))
     jumps = np.any((turns > 180) & (turns <= 360.5)) and np.abs(heading).max() > 4 * np.pi
     noise = white_noise(list(path.T))
-    reading = _reading(path, heading, noise) if rolls else AS_GIVEN
+    goes = rolls and any(shifts(value, log.step) for value in path.T)
+    reading = _reading(path, heading, noise) if goes else AS_GIVEN
     if reading.degrees or jumps:
         why = "as radians it fits neither the way the vehicle goes nor a whole turn"
         faults.append(suspect("heading", "deg", why))
@@ -190,7 +191,7 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
         noise: of the positions, standard deviation [m].
     """
     picked, last = [], 0  # ends of stretches of at least 2 % of the size of the path, so that noise does not count
-    least = max(0.02 * float(np.ptp(path, axis=0).max()), CLEAR * noise, 1e-9)
+    least = max(0.02 * float(np.ptp(path, axis=0).max()), 3 * CLEAR * noise, 1e-9)
     for i in range(path.shape[0]):
         if np.linalg.norm(path[i] - path[last]) >= least:
             picked.append((last, i))

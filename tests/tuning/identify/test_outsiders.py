@@ -1,9 +1,9 @@
-"""Logs as people bring them: robots that never move, headings at pi, half-empty cells, short levers, late commands."""
+"""Logs as people bring them: a robot that never moves, headings at pi, short levers, wild cells."""
 
 import csv
 import json
 import warnings
-from types import MappingProxyType
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -52,7 +52,7 @@ def written(file, rows, header=HEADER):
     with open(file, "w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(header)
-        writer.writerows([["" if np.isnan(x) else f"{x:.9g}" for x in row] for row in rows])
+        writer.writerows([["" if np.isnan(x) else repr(float(x)) for x in row] for row in rows])
     return str(file)
 
 
@@ -68,9 +68,9 @@ def log_of(tmp_path):
 def refusal(log_of):
     """The faults that rows are refused for."""
 
-    def faults(rows, columns=MappingProxyType({}), header=HEADER) -> list[Fault]:
+    def faults(rows, columns=None, header=HEADER) -> list[Fault]:
         with pytest.raises(agvjax.InputError) as error:
-            log_of(rows, columns, header)
+            log_of(rows, columns or {}, header)
         return error.value.faults
 
     return faults
@@ -237,7 +237,7 @@ def test_a_wild_cell_is_an_outlier(log_of, wild):
 
 @pytest.mark.parametrize("text", ["1.7976931348623157e308", "-1e100", "1e400", "1_0", "١٠", "0x10", "infinity", "1 0"])
 def test_what_is_no_usual_number_is_refused(tmp_path, text):
-    lines = open(written(tmp_path / "log.csv", circling())).read().splitlines()
+    lines = Path(written(tmp_path / "log.csv", circling())).read_text().splitlines()
     cells = lines[5].split(",")
     lines[5] = ",".join([cells[0], text, *cells[2:]])
     (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
@@ -290,7 +290,7 @@ def test_seconds_and_nanoseconds_stand_in_two_columns(tmp_path, refusal, log_of)
         ("identify.duration=2", "identify.duration"),
         ("identify.duration=1e6", "identify.duration"),
         ("identify.horizon=1e308", "identify.horizon"),
-        ("scenario.actuators.acceleration={type='delay',time=0.6,slots=99}", "identify.memory"),
+        ("scenario.actuators.acceleration={delay={type='delay',time=0.6,slots=999}}", "identify.memory"),
     ],
 )
 def test_settings_of_absurd_size_are_named(tmp_path, capsys, option, key):
