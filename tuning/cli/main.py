@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..export import FORMATS
+from .numbers import whole
 
 
 class Option(NamedTuple):
@@ -44,20 +45,20 @@ COMMON = (
     _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25"),
     _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
-    _option("--seed", type=int, help="seed of every random number"),
-    _option("--precision", type=int, choices=(32, 64), help="bits of a floating-point number"),
+    _option("--seed", type=whole, help="seed of every random number"),
+    _option("--precision", type=whole, choices=(32, 64), help="bits of a floating-point number"),
     _flag("--quiet", "print nothing but errors"),
 )
 SHARED = (
-    _option("--num-processes", type=int, metavar="N", help="how many processes share the work"),
-    _option("--process-id", type=int, metavar="K", help="which of them this is, from 0"),
+    _option("--num-processes", type=whole, metavar="N", help="how many processes share the work"),
+    _option("--process-id", type=whole, metavar="K", help="which of them this is, from 0"),
 )
 SIMULATE = Command(
     "roll one vehicle out and write trajectory, metrics, figures",
     (
         _flag("--animate", "draw the run as a moving picture, animation.gif"),
         _option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
-        _option("--index", type=int, metavar="N", help="which vehicle of the sweep"),
+        _option("--index", type=whole, metavar="N", help="which vehicle of the sweep"),
         _option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
     ),
 )
@@ -79,7 +80,7 @@ SWEEP = Command(
     (
         _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
         _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
-        _option("--samples", type=int, metavar="N", help="scenarios at every node of the grid, or in all"),
+        _option("--samples", type=whole, metavar="N", help="scenarios at every node of the grid, or in all"),
         _option("--design", metavar="NAME", help="random, sobol, latin; saltelli or morris for sensitivities"),
         _many("--controller", "FILE|LAW", "another controller beside the configured one"),
         *SHARED,

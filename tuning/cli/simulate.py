@@ -15,7 +15,9 @@ from agvjax import Fault, InputError
 from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
 
-from ..config.rules import checked, timing_faults, vehicle_faults
+from ..compute.memory import too_much
+from ..config import whereabouts
+from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import grid
@@ -24,15 +26,18 @@ from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, warn
 
+NUMBERS = 60  # about so many are kept of one sample, copies among them
 Number = float | str  # or words where there is none
 Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
-    config, console = configure(arguments)
+    config, console = configure(arguments, _rules)
     if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
         config = _of_sweep(arguments, config)
+        if wrong := whereabouts.faults(config):
+            raise InputError(wrong)
     plant = config.scenario.plant
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
@@ -41,15 +46,32 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = _numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
     files.write_npz(out / "trajectory.npz", _arrays(trajectory))
     files.write_json(out / "metrics.json", numbers)
-    _draw(trajectory, plant, out)
+    _draw(trajectory, config.scenario, out)
     if arguments.animate:
         _animate(console, out, trajectory)
     console.say(_tables(numbers), f"written to {out}")
     if not trajectory.ok:
-        raise RunFailed(
-            f"the run diverged: the vehicle's state passed {config.scenario.limit:g} and was held there ({out})"
-        )
+        raise RunFailed(f"{_divergence(trajectory, float(config.scenario.limit))} ({out})")
     return 0
+
+
+def _rules(config: Config) -> list[Fault]:
+    """What is wrong with a configuration that is rolled out and kept."""
+    every = config.simulate.save_every
+    kept = config.simulate.horizon / config.simulate.dt / every * NUMBERS * config.precision / 8
+    if wrong := faults(config):
+        return wrong
+    rule = f"larger, or simulate.dt coarser or simulate.horizon shorter: all that is kept takes {too_much(kept)}"
+    return [Fault("simulate.save_every", every, rule)] if too_much(kept) else []
+
+
+def _divergence(trajectory: agvjax.Trajectory, limit: float) -> str:
+    """When the vehicle left what its scenario allows, and what that is."""
+    held = np.asarray(trajectory.position)
+    moves = np.flatnonzero(np.any(held != held[-1], axis=1))
+    when = float(trajectory.t[min(moves[-1] + 1, len(held) - 1)]) if moves.size else 0.0
+    state = "the vehicle's state, its position counted from the path,"
+    return f"the run diverged at t = {when:.4g} s: {state} passed scenario.limit = {limit:g} and was held there"
 
 
 def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
@@ -79,8 +101,11 @@ def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
     return {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok")}
 
 
-def _draw(trajectory: agvjax.Trajectory, plant: agvjax.Plant, out: Path) -> None:
-    for draw in (plot.path, plot.errors, plot.commands):
+def _draw(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario, out: Path) -> None:
+    plant, way = scenario.plant, scenario.path
+    points = way.points if isinstance(way, agvjax.Waypoints) else None
+    files.write_figure(out / "path.png", plot.path({"run": trajectory}, points))
+    for draw in (plot.errors, plot.commands):
         files.write_figure(out / f"{draw.__name__}.png", draw({"run": trajectory}))
     if "position" not in plant.actuators:  # where they are not the commands themselves
         files.write_figure(out / "inputs.png", plot.inputs(trajectory, plant.actuators))
