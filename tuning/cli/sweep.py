@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import re
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -17,9 +16,9 @@ from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
 from ..sweep.rules import faults, moving
+from .axes import axis
 from .console import Console, RunFailed
 from .folders import new_folder
-from .numbers import decimal, whole
 from .prepare import configure, rank_and_count, warn
 
 PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
@@ -59,24 +58,8 @@ def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
     options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
     options |= {"samples": arguments.samples, "design": arguments.design}
     if arguments.over or arguments.ensemble:
-        options["over"] = [_axis(text) for text in arguments.over]
+        options["over"] = [axis(text) for text in arguments.over]
     return {f"sweep.{name}": value for name, value in options.items() if value is not None}
-
-
-def _axis(text: str) -> dict[str, Toml]:
-    """`a+b=0:1.5:101` -> an axis on which both move as one; `*=` is times nominal, without a count it is sampled."""
-    rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
-    try:
-        if match := re.fullmatch(r"([^=*]+)=([^:]+)", text):
-            span: dict[str, Toml] = {"one_of": [decimal(x) for x in match[2].split(",")]}
-        elif match := re.fullmatch(r"([^=*]+)(\*?)=([^:,]+):([^:,]+)(?::([^:,]+))?", text):
-            span = {"times" if match[2] else "between": [decimal(match[3]), decimal(match[4])]}
-            span |= {"points": whole(match[5])} if match[5] else {}
-        else:
-            raise ValueError
-    except ValueError as error:
-        raise InputError([Fault("--over", text, rule)]) from error
-    return {name.strip(): span for name in match[1].split("+")}
 
 
 def _place(arguments: argparse.Namespace) -> float:

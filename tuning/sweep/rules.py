@@ -12,9 +12,9 @@ from agvjax.metric_table import metrics_of
 
 from ..compute.memory import too_much
 from ..config import ends, rules
-from ..config.ends import LAW, Moving
+from ..config.ends import LAW, Moving, element_of
 from ..config.settings import Config
-from ..ensemble.draws import Draw, element_of
+from ..ensemble.draws import Draw
 from ..ensemble.rules import near, undrawable, uneven
 from .design import SENSITIVITY, design
 
