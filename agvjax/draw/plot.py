@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jax.typing import ArrayLike
 from matplotlib.figure import Figure
 
 from ..metrics import tracking_error
@@ -23,10 +24,12 @@ STYLES = (
 Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
 
 
-def path(runs: Runs) -> Figure:
-    """The reference path and what the reference point of the vehicle did, in the plane."""
+def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
+    """The reference path and what the reference point of the vehicle did, in the plane; and the path's `points`."""
     figure = Figure(figsize=(5.2, 5.2), layout="constrained")
     axes = figure.add_subplot()
+    if points is not None:
+        axes.plot(*np.asarray(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
     draw_path(axes, runs)
     return figure
 

@@ -8,14 +8,14 @@ from agvjax import InputError
 
 from ..studies.laws import page, study
 from ..studies.paper import cases
-from ..tune.rules import faults
+from ..tune.rules import faults, moving
 from .folders import new_folder
 from .prepare import configure
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune every law to one command budget; write table, figure and report."""
-    config, console = configure(arguments, faults)
+    config, console = configure(arguments, faults, moving=moving)
     if bad := cases.faults(config.controller, config.scenario):
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)

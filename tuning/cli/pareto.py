@@ -16,7 +16,7 @@ from ..tune import pareto
 from ..tune.judge import judged, validation
 from ..tune.problem import pose
 from ..tune.ready import steered
-from ..tune.rules import faults
+from ..tune.rules import faults, moving
 from .console import RunFailed, failing
 from .folders import new_folder
 from .prepare import configure, warn
@@ -24,10 +24,10 @@ from .prepare import configure, warn
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
-    config, console = configure(arguments, faults)
+    config, console = configure(arguments, faults, moving=moving)
     problem = pose(config)
     out = new_folder(arguments.out, arguments.command, config)
-    warn(console, config, "tune", "simulate")
+    warn(console, config, "tune", "simulate", moving=moving(config))
     settings, names = config.pareto, problem.tuner.gains.names
     factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
     goal = problem.tuner.objective.goals[0].metric

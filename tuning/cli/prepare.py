@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 
@@ -12,7 +12,9 @@ from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..compute import compiled, processes
+from ..config import whereabouts
 from ..config.codecs import Toml
+from ..config.ends import Moving
 from ..config.rules import Rules, faults
 from ..config.settings import Config
 from ..tune.methods import method
@@ -26,9 +28,14 @@ def overrides(arguments: argparse.Namespace) -> list[str]:
 
 
 def configure(
-    arguments: argparse.Namespace, rules: Rules = faults, more: Mapping[str, Toml] | None = None
+    arguments: argparse.Namespace,
+    rules: Rules = faults,
+    more: Mapping[str, Toml] | None = None,
+    moving: Callable[[Config], list[Moving]] = lambda config: [],
 ) -> tuple[Config, Console]:
     """The configuration of files, options and `more` by dotted key, checked by `rules`; and the console.
+
+    What the command draws and sweeps, `moving`, says where vehicles start.
 
     JAX is set to its precision, keeps what it compiles, and has joined the other processes of the run.
     """
@@ -40,6 +47,8 @@ def configure(
     reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(config.tune.gains))
     speed = agvjax.tune_xla(reverse=reverse)
     _meet(arguments)
+    if wrong := whereabouts.faults(config, moving(config)):
+        raise InputError(wrong)
     console = Console(arguments.quiet or not processes.chief())
     compiled.listen(console.note)
     if not speed.startswith("fast"):
@@ -87,13 +96,14 @@ def rank_and_count(rank: int | None, count: int | None) -> tuple[int, int] | Non
     return rank, count
 
 
-def warn(console: Console, config: Config, *sections: str) -> None:
-    """Say of a time step that it is coarse, and of a path that the vehicle cannot follow it.
+def warn(console: Console, config: Config, *sections: str, moving: Sequence[Moving] = ()) -> None:
+    """Say of a time step that it is coarse, of a path that the vehicle cannot follow it, and what may not be meant.
 
     Args:
         console: where to say it.
         config: whose controller and scenario.
         sections: the sections of the configuration whose time steps are used: simulate, tune, sweep.
+        moving: what is drawn and swept.
     """
     for name in sections:
         timing = config.timing(name)
@@ -101,3 +111,5 @@ def warn(console: Console, config: Config, *sections: str) -> None:
             console.note(f"{name}.{text}")
     for text in agvjax.path_warnings(config.scenario, config.simulate.horizon):
         console.note(f"the path cannot be followed exactly: {text}")
+    for text in whereabouts.notes(config, moving):
+        console.note(text)

@@ -4,51 +4,60 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 from jaxtyping import Array
 
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
-from agvjax.metric_table import METRICS, metrics_of
 
-from ..config.rules import checked, timing_faults, vehicle_faults
+from ..compute.memory import too_much
+from ..config import whereabouts
+from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
-from ..io.pages import grid
 from ..sweep.replay import vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
+from .measured import divergence, numbers, tables
 from .prepare import configure, warn
 
-Number = float | str  # or words where there is none
-Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
+NUMBERS = 60  # about so many are kept of one sample, copies among them
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
-    config, console = configure(arguments)
+    config, console = configure(arguments, _rules)
     if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
         config = _of_sweep(arguments, config)
+        if wrong := whereabouts.faults(config):
+            raise InputError(wrong)
     plant = config.scenario.plant
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
-    numbers = _numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
+    of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
     files.write_npz(out / "trajectory.npz", _arrays(trajectory))
-    files.write_json(out / "metrics.json", numbers)
-    _draw(trajectory, plant, out)
+    files.write_json(out / "metrics.json", of_metrics)
+    _draw(trajectory, config.scenario, out)
     if arguments.animate:
         _animate(console, out, trajectory)
-    console.say(_tables(numbers), f"written to {out}")
+    console.say(tables(of_metrics), f"written to {out}")
     if not trajectory.ok:
-        limit = config.scenario.limit
-        raise RunFailed(f"the run diverged: the vehicle's state passed {limit:g} and was held there ({out})")
+        raise RunFailed(f"{divergence(trajectory, float(config.scenario.limit))} ({out})")
     return 0
+
+
+def _rules(config: Config) -> list[Fault]:
+    """What is wrong with a configuration that is rolled out and kept."""
+    every = config.simulate.save_every
+    kept = config.simulate.horizon / config.simulate.dt / every * NUMBERS * config.precision / 8
+    if wrong := faults(config):
+        return wrong
+    rule = f"larger, or simulate.dt coarser or simulate.horizon shorter: all that is kept takes {too_much(kept)}"
+    return [Fault("simulate.save_every", every, rule)] if too_much(kept) else []
 
 
 def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
@@ -78,8 +87,11 @@ def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
     return {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok")}
 
 
-def _draw(trajectory: agvjax.Trajectory, plant: agvjax.Plant, out: Path) -> None:
-    for draw in (plot.path, plot.errors, plot.commands):
+def _draw(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario, out: Path) -> None:
+    plant, way = scenario.plant, scenario.path
+    points = way.points if isinstance(way, agvjax.Waypoints) else None
+    files.write_figure(out / "path.png", plot.path({"run": trajectory}, points))
+    for draw in (plot.errors, plot.commands):
         files.write_figure(out / f"{draw.__name__}.png", draw({"run": trajectory}))
     if "position" not in plant.actuators:  # where they are not the commands themselves
         files.write_figure(out / "inputs.png", plot.inputs(trajectory, plant.actuators))
@@ -91,33 +103,3 @@ def _animate(console: Console, out: Path, trajectory: agvjax.Trajectory) -> None
     moving = animate.animation({"run": trajectory})
     with console.bar(moving.frames, "frame") as bar:
         files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, bar.update))
-
-
-def _numbers(metrics: agvjax.Metrics, plant: agvjax.Plant) -> Numbers:
-    """Metrics for `metrics.json`: a channel that has not settled says so and gives no number."""
-    delivered = [part for name in plant.actuators for part in plant.parts(name)]
-    numbers: Numbers = {"ok": bool(metrics.ok)}
-    for field in dataclasses.fields(metrics):
-        if field.name in ("ok", "settled", "settling_smooth", "limited"):
-            continue
-        values = np.asarray(getattr(metrics, field.name)).tolist()
-        if field.name == "settling_time":
-            values = [v if s else "not settled" for v, s in zip(values, metrics.settled, strict=True)]
-        places = delivered if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
-        numbers[field.name] = dict(zip(places, values, strict=True))
-    totals: Numbers = {name: float(metrics[name]) for name in metrics_of(plant) if METRICS[name].channel is None}
-    settled = bool(np.all(metrics.settled))
-    return numbers | totals | ({} if settled else {"longest_settling_time": "not settled"})
-
-
-def _tables(numbers: Numbers) -> str:
-    """The metrics by channel, and what the actuators delivered."""
-    rows = {name: values for name, values in numbers.items() if isinstance(values, dict)}
-    delivered = {name.removesuffix("_delivered"): rows.pop(name) for name in list(rows) if name.endswith("_delivered")}
-    limited = f"\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
-    return f"{_table('metric', rows)}\n\n{_table('delivered', delivered)}{limited}"
-
-
-def _table(corner: str, rows: Mapping[str, Mapping[str, Number]]) -> str:
-    lines = [[name, *(x if isinstance(x, str) else f"{x:.5g}" for x in row.values())] for name, row in rows.items()]
-    return grid([corner, *next(iter(rows.values()))], lines)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import re
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -13,11 +12,12 @@ from agvjax import Fault, InputError
 from .. import config as configuration
 from ..config.codecs import Toml
 from ..io import files
-from ..io.numbers import INTEGER, integer, real
+from ..io.numbers import INTEGER
 from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
-from ..sweep.rules import faults
+from ..sweep.rules import faults, moving
+from .axes import axis
 from .console import Console, RunFailed
 from .folders import new_folder
 from .prepare import configure, rank_and_count, warn
@@ -27,14 +27,16 @@ PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
 
 def run(arguments: argparse.Namespace) -> int:
     """Take shards until none is missing; whoever finishes last writes the report."""
-    config, console = configure(arguments, faults, _more(arguments))
+    config, console = configure(arguments, faults, _more(arguments), moving)
     plan, laws = work.planned(config), named(config, arguments.imports)
     place = _place(arguments)
-    out, manifest = _folder(arguments, console, work.manifest_of(config, plan, laws), configuration.dump(config))
-    warn(console, config, "sweep")
+    manifest = work.manifest_of(config, plan, laws)
+    begun = _begun(arguments, console, manifest)
+    warn(console, config, "sweep", moving=moving(config))
     console.say(f"{plan.size} scenarios, {len(laws)} controller(s), {manifest.shards} shards; compiling ...")
     judges = work.judges(config, plan, list(laws.values()), manifest.block)
-    verdict.bounds_of(config, plan, judges[0], manifest.block)  # before all the work
+    verdict.bounds_of(config, plan, judges[0], manifest.block)  # before all the work, and before a file is written
+    out, manifest = begun or _begin(arguments, console, manifest, configuration.dump(config))
     ticks = itertools.count()
     with console.bar(plan.size, " scenarios", scale=True) as bar:
 
@@ -57,24 +59,8 @@ def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
     options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
     options |= {"samples": arguments.samples, "design": arguments.design}
     if arguments.over or arguments.ensemble:
-        options["over"] = [_axis(text) for text in arguments.over]
+        options["over"] = [axis(text) for text in arguments.over]
     return {f"sweep.{name}": value for name, value in options.items() if value is not None}
-
-
-def _axis(text: str) -> dict[str, Toml]:
-    """`a+b=0:1.5:101` -> an axis on which both move as one; `*=` is times nominal, without a count it is sampled."""
-    rule = "LEAF=LOW:HIGH[:POINTS], LEAF*=LOW:HIGH[:POINTS] or LEAF=A,B,C; LEAF+LEAF moves both"
-    try:
-        if match := re.fullmatch(r"([^=*]+)=([^:]+)", text):
-            span: dict[str, Toml] = {"one_of": [real(x) for x in match[2].split(",")]}
-        elif match := re.fullmatch(r"([^=*]+)(\*?)=([^:,]+):([^:,]+)(?::([^:,]+))?", text):
-            span = {"times" if match[2] else "between": [real(match[3]), real(match[4])]}
-            span |= {"points": integer(match[5])} if match[5] else {}
-        else:
-            raise ValueError
-    except ValueError as error:
-        raise InputError([Fault("--over", text, rule)]) from error
-    return {name.strip(): span for name in match[1].split("+")}
 
 
 def _place(arguments: argparse.Namespace) -> float:
@@ -89,24 +75,33 @@ def _place(arguments: argparse.Namespace) -> float:
     return rank / count
 
 
-def _folder(
+def _begin(
     arguments: argparse.Namespace, console: Console, manifest: shards.Manifest, text: str
 ) -> tuple[Path, shards.Manifest]:
-    """A new folder with the manifest and the settings, or one in which this very sweep has begun, with its own."""
+    """A new folder with the manifest and the settings, unless another process has begun in it meanwhile."""
     out = Path(arguments.out or os.devnull)
+    try:
+        out = new_folder(arguments.out, arguments.command)
+    except InputError:
+        if not out.is_dir() or not shards.just_begun(out, manifest):
+            raise
+    if begun := _begun(arguments, console, manifest, out):
+        return begun
+    files.write(out / "config.toml", text)
+    shards.write_manifest(out, manifest)
+    return out, manifest
+
+
+def _begun(
+    arguments: argparse.Namespace, console: Console, manifest: shards.Manifest, out: Path | None = None
+) -> tuple[Path, shards.Manifest] | None:
+    """The folder in which this very sweep has begun, with its own manifest; None where none has."""
+    out = out or Path(arguments.out or os.devnull)
     if not (out / shards.MANIFEST).exists():
         if arguments.resume:
             rule = "used with --out, the folder of a sweep that has begun"
             raise InputError([Fault("--resume", arguments.out, rule)])
-        try:
-            out = new_folder(arguments.out, arguments.command)
-        except InputError:
-            if not out.is_dir() or not shards.just_begun(out, manifest):
-                raise
-        if not (out / shards.MANIFEST).exists():
-            files.write(out / "config.toml", text)
-            shards.write_manifest(out, manifest)
-            return out, manifest
+        return None
     try:
         before = shards.read_manifest(out)
     except ValueError as error:

@@ -17,7 +17,7 @@ from ..tune.judge import judge
 from ..tune.problem import pose
 from ..tune.ready import readied
 from ..tune.rounds import Outcome, Run, solve
-from ..tune.rules import faults
+from ..tune.rules import faults, moving
 from .console import Console, RunFailed, failing, interrupts
 from .folders import new_folder, same_folder
 from .prepare import configure, warn
@@ -25,11 +25,11 @@ from .prepare import configure, warn
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
-    config, console = configure(arguments, faults)
+    config, console = configure(arguments, faults, moving=moving)
     problem = pose(config)
     with processes.folder(lambda: _folder(arguments, config), CHECKPOINT) as out:
         recorder = Recorder(out, problem)
-        warn(console, config, "tune", "simulate")
+        warn(console, config, "tune", "simulate", moving=moving(config))
         recorder.begin()
         with failing(), _together():
             outcome = _solve(console, recorder)

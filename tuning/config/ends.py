@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from jaxtyping import ArrayLike
 import agvjax
 from agvjax import Fault
 
-from ..ensemble.draws import Draw, Span, element_of, places
+from ..ensemble.draws import Draw, Span, places
 from . import rules
 from .settings import Config
 
@@ -21,6 +22,13 @@ LAW = "controller."  # what the names of gains begin with
 MOST_TOGETHER = 8  # axes whose ends are looked at in every combination; of more, one by one from either side
 WHERE = " (where "  # before the corner at which a rule is broken
 Corner = Mapping[str, np.ndarray]  # values of leaves, or of elements of them, by name
+
+
+def element_of(name: str) -> tuple[str, int | None]:
+    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
+    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+    leaf, element = (match[1], int(match[2])) if match else (name, None)
+    return leaf.removeprefix("scenario."), element
 
 
 class Moving(NamedTuple):

@@ -103,6 +103,8 @@ def resolve(
     reader = Reader(classes(files))
     table = present({name: part for name, part in table.items() if name != "imports"}, lambda text: None)
     config = reader.config(table, Config(imports=files))
+    for line in reader.notes:
+        note(line)
     return checked(config, _rules(rules) if isinstance(rules, str) else rules, reader.faults)
 
 

@@ -24,6 +24,7 @@ class Reader:
 
     def __init__(self, classes: Classes = CLASSES) -> None:
         self.faults: list[agvjax.Fault] = []
+        self.notes: list[str] = []  # what was not read
         self.classes = classes
         self.plant: agvjax.Plant = agvjax.Decoupled()  # the scenario's
 
@@ -133,11 +134,14 @@ class Reader:
         """An object that a recipe makes from the table."""
         self.named(key, table, recipe.keys)
         try:
-            return recipe.make(table)
+            instance = recipe.make(table)
         except agvjax.InputError as error:
             for fault in error.faults:
                 self.wrong(f"{key}.{fault.key}", fault.value, fault.rule, fault.source)
             return default
+        if unread := recipe.unread(table):
+            self.notes.append(unread)
+        return instance
 
     def plain(self, key: str, default: Any, value: Toml, choices: Sequence[str | int] = ()) -> Any:
         """A number, array, word or flag."""

@@ -9,7 +9,7 @@ import numpy as np
 
 import agvjax
 
-from ..io.csv_file import read
+from ..io.csv_file import names, read
 from .spellings import Toml, numbers
 
 
@@ -22,6 +22,13 @@ class Recipe(NamedTuple):
     keys: tuple[str, ...]
     make: Callable[[Mapping[str, Toml]], agvjax.Path | agvjax.Disturbance]
     table: Callable[[Any], dict[str, Toml]]
+    columns: tuple[str, ...] = ()  # of its file
+    hint: str = ""  # what would be read from columns that are not there, and where it comes from without
+
+    def unread(self, table: Mapping[str, Toml]) -> str:
+        """The columns of its file that say nothing; empty where there are none."""
+        unread = [name for name in names(table["file"]) if name not in self.columns] if "file" in table else []
+        return f"{table['file']}: {', '.join(unread)} not read; {self.hint}" if unread else ""
 
 
 def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
@@ -78,11 +85,15 @@ RECIPES: dict[type, Recipe] = {
         ("file", "points", "speed", "closed"),
         _waypoints,
         lambda path: {"points": np.asarray(path.points).tolist(), "closed": path.closed},
+        ("x", "y", "speed"),
+        "a column speed [m/s] would be, without one scenario.path.speed holds, 1 m/s where it is not set",
     ),
     agvjax.Recorded: Recipe(
         ("file", "times", "values", "amplitude"),
         _recorded,
         lambda push: {name: np.asarray(value).tolist() for name, value in vars(push).items()},
+        ("t", *CHANNELS),
+        "columns x, y, heading would be, without one it is 0",
     ),
 }
 

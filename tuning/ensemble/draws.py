@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -208,13 +207,6 @@ def places(draws: Sequence[Draw], points: int = 0) -> np.ndarray:
     if points:
         return np.linspace(tail, 1 - tail, points) if points > 1 else np.array([0.5])
     return tail + (1 - 2 * tail) * np.array(WITHIN)
-
-
-def element_of(name: str) -> tuple[str, int | None]:
-    """`start.position[0]` -> its leaf and which element of it; the leaf without `scenario.`."""
-    match = re.fullmatch(r"(.+)\[(\d+)\]", name)
-    leaf, element = (match[1], int(match[2])) if match else (name, None)
-    return leaf.removeprefix("scenario."), element
 
 
 @dataclasses.dataclass(frozen=True)

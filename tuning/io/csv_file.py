@@ -90,6 +90,11 @@ def _within_a_second(file: str | Path, rows: list[tuple[int, list[str]]], name: 
     return values
 
 
+def names(file: str | Path) -> list[str]:
+    """The names in the first row of a CSV file; raises as `read`."""
+    return [name.strip() for name in _rows(file, ())[0][1]]
+
+
 def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optional: Sequence[str]) -> list[str]:
     """The columns to read, each of which must stand in the header once."""
     missing = [name for name in columns if name not in header]

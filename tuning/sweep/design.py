@@ -17,9 +17,9 @@ import agvjax
 from agvjax.leaves import get, unit_of
 from agvjax.protocols import Law
 
-from ..config.ends import LAW
+from ..config.ends import LAW, element_of
 from ..config.settings import Config
-from ..ensemble.draws import Draw, element_of, places, together, uniform
+from ..ensemble.draws import Draw, places, together, uniform
 
 PART = "sweep"  # of the random numbers: other scenarios than those that were tuned and validated on
 LEVELS = 4  # of the grid that Morris' trajectories walk on

@@ -10,10 +10,11 @@ import agvjax
 from agvjax import Fault
 from agvjax.metric_table import metrics_of
 
+from ..compute.memory import too_much
 from ..config import ends, rules
-from ..config.ends import LAW, Moving
+from ..config.ends import LAW, Moving, element_of
 from ..config.settings import Config
-from ..ensemble.draws import Draw, element_of
+from ..ensemble.draws import Draw
 from ..ensemble.rules import near, undrawable, uneven
 from .design import SENSITIVITY, design
 
@@ -25,10 +26,7 @@ def faults(config: Config) -> list[Fault]:
     """What is wrong with a configuration that is to be swept."""
     wrong = rules.faults(config) or [*_axes(config), *_design(config)]
     wrong = (
-        wrong
-        or _size(config)
-        or rules.timing_faults(config, "sweep")
-        or ends.faults(config, _moving(config), ["sweep"])
+        wrong or _size(config) or rules.timing_faults(config, "sweep") or ends.faults(config, moving(config), ["sweep"])
     )
     known = metrics_of(config.scenario.plant)
     asked = {"sweep.metrics": config.sweep.metrics, "sweep.fails": config.sweep.fails}
@@ -79,8 +77,16 @@ def _design(config: Config) -> Iterator[Fault]:
 
 
 def _size(config: Config) -> list[Fault]:
-    size = design(config).size
-    return [Fault("sweep", size, f"at most {MOST_SCENARIOS:g} scenarios in all")] if size > MOST_SCENARIOS else []
+    plan, sweep = design(config), config.sweep
+    if plan.size > MOST_SCENARIOS:
+        return [Fault("sweep", plan.size, f"at most {MOST_SCENARIOS:g} scenarios in all")]
+    numbers = (1 + len(sweep.metrics) + len(sweep.fails)) * (1 + len(sweep.controllers))
+    numbers += sum(plan.nominal(leaf).size for leaf in plan.names)
+    numbers += 3 * len(plan.sampled) * (sweep.design not in ("random", "sobol"))  # a design that is made as a whole
+    if not (much := too_much(plan.size * numbers * config.precision / 8)):
+        return []
+    key, value = ("sweep.samples", sweep.samples) if plan.sampled else ("sweep.over", f"{plan.size} points")
+    return [Fault(key, value, f"fewer: the results of {plan.size} scenarios take {much}")]
 
 
 def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
@@ -99,7 +105,7 @@ def _axis(config: Config, name: str, draw: Draw) -> list[Fault]:
     return [] if wrong is None else [wrong]
 
 
-def _moving(config: Config) -> list[Moving]:
+def moving(config: Config) -> list[Moving]:
     """What is swept, and what is drawn besides."""
     axes = [Moving("sweep.over", table) for table in config.sweep.over]
     swept = {element_of(name)[0] for axis in axes for name in axis.spans}

@@ -27,6 +27,11 @@ def faults(config: Config) -> list[agvjax.Fault]:
     return rules.unique(found)
 
 
+def moving(config: Config) -> list[Moving]:
+    """What is drawn."""
+    return Moving.drawn(config.ensemble.draws)
+
+
 def _names(config: Config) -> list[agvjax.Fault]:
     """Names in the tuning problem that name nothing, and limits that limit nothing."""
     tune, gains = config.tune, agvjax.leaves(config.controller)
@@ -90,7 +95,7 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
 
 def _boxes(config: Config) -> list[agvjax.Fault]:
     """Draws that can draw what their leaf may not hold, and gains that are no single number."""
-    found = ends.faults(config, Moving.drawn(config.ensemble.draws), ["tune", "simulate"])
+    found = ends.faults(config, moving(config), ["tune", "simulate"])
     leaves = agvjax.leaves(config.controller)
     several = [name for name in config.tune.gains if np.ndim(leaves[name])]
     clock = [name for name in config.tune.gains if name not in several and _sets_period(config.controller, name)]
