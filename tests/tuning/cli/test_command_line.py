@@ -170,6 +170,8 @@ def test_tune_writes_what_it_promises(tuned):
     assert verdict.startswith("All limits are met") and verdict in said and "| k1 |" in said and str(out) in said
     assert "agvjax simulate --config config.toml --config gains.toml" in report
     assert "validation" in report and "| k1 |" in report and all(name in report for name in figures)
+    judged = json.loads((out / "worst.json").read_text())
+    assert judged["verdict"] == "" and judged["gains"]["k1"] == read_toml(out / "gains.toml")["controller"]["k1"]
     with np.load(out / "checkpoint.npz", allow_pickle=False) as file:
         assert file["0/iteration"] == 1500
 
