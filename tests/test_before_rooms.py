@@ -42,6 +42,7 @@ def same(ours, theirs, least=1):
         np.testing.assert_allclose(np.asarray(ours[key], float), np.asarray(theirs[key], float), **CLOSE, err_msg=key)
 
 
+@pytest.mark.filterwarnings("ignore:.*has a controller and no scenario:UserWarning")  # as it should be said
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_read_to_its_own_numbers(name):
     vehicle = ["unicycle"] if "gains-sampled" in name else []  # a sampled law needs what it drives

@@ -66,7 +66,7 @@ OWN = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false"
 
 
 def test_a_second_call_says_that_the_options_are_set():
-    assert run(AGAIN) == ["fast compiler options are set already"]
+    assert python(AGAIN) == "fast compiler options are set already\n"
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console(arguments.quiet)
     compiled.keep_compiled()
     compiled.listen(console.note)
-    found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports)
+    found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports, console.note)
     module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
     try:
         contents = module.files(found, name or module.NAME)

@@ -35,12 +35,17 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
     except (OSError, ValueError) as error:
         raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error
     if taken:
-        rule = "a new or empty folder: this one is not empty; choose another"
-        rule += ", or add --resume to go on with the run in it" if command == "tune" else ""
-        raise InputError([Fault("--out", str(out), rule)])
+        raise not_empty(out, command)
     if config is not None:
         files.write(out / "config.toml", dump(config))
     return out
+
+
+def not_empty(out: Path, command: str) -> InputError:
+    """What is said of a folder that a command cannot begin in."""
+    rule = "a new or empty folder: this one is not empty; choose another"
+    rule += ", or add --resume to go on with the run in it" if command == "tune" else ""
+    return InputError([Fault("--out", str(out), rule)])
 
 
 def _by_time(command: str) -> Path:

@@ -52,10 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _rules(config: Config) -> list[Fault]:
     """What is wrong with a configuration that is rolled out and kept."""
-    every = config.simulate.save_every
-    kept = config.simulate.horizon / config.simulate.dt / every * NUMBERS * config.precision / 8
     if wrong := faults(config):
         return wrong
+    every = config.simulate.save_every
+    kept = config.simulate.horizon / config.simulate.dt / every * NUMBERS * config.precision / 8
     rule = f"larger, or simulate.dt coarser or simulate.horizon shorter: all that is kept takes {too_much(kept)}"
     return [Fault("simulate.save_every", every, rule)] if too_much(kept) else []
 

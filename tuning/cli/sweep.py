@@ -19,7 +19,7 @@ from ..sweep.laws import named
 from ..sweep.rules import faults, moving
 from .axes import axis
 from .console import Console, RunFailed
-from .folders import new_folder
+from .folders import new_folder, not_empty
 from .prepare import configure, rank_and_count, warn
 
 PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
@@ -101,6 +101,8 @@ def _begun(
         if arguments.resume:
             rule = "used with --out, the folder of a sweep that has begun"
             raise InputError([Fault("--resume", arguments.out, rule)])
+        if arguments.out and out.is_dir() and not files.empty(out) and not shards.just_begun(out, manifest):
+            raise not_empty(out, arguments.command)
         return None
     try:
         before = shards.read_manifest(out)

@@ -60,7 +60,7 @@ def load(
         parts = [*_beside(read, note or said), *parts]
     for part in parts:
         claim(part, loaded)
-        _merge(table, _plain_names(present(part, note or warned)))
+        _merge(table, _plain_names(present(part, note or warned), table))
     return resolve(table, rules, imports, note or said)
 
 
@@ -164,8 +164,8 @@ def _nested(parts: Sequence[str], value: Toml) -> Toml:
     return value
 
 
-def _plain_names(table: dict[str, Toml]) -> dict[str, Toml]:
-    """The table with names with dots as one key each, in quotes or not, so that a later one finds an earlier one.
+def _plain_names(table: dict[str, Toml], before: Mapping[str, Toml]) -> dict[str, Toml]:
+    """The table with names with dots as one key each, in quotes or not, so that it finds the names `before` it.
 
     Raises:
         InputError: both spellings of a name are there, and none of them is the later one.
@@ -178,7 +178,14 @@ def _plain_names(table: dict[str, Toml]) -> dict[str, Toml]:
         rows = flat(inner[name], kinds)
         if twice := [row for row, _ in rows if [other for other, _ in rows].count(row) > 1]:
             raise agvjax.InputError([agvjax.Fault(key, twice[0], "named once, in quotes or not")])
-        table = {**table, section: {**inner, name: dict(rows)}}
+        earlier, placed = before.get(section, {}).get(name, {}), {}
+        for row, value in rows:
+            head, _, last = row.rpartition(".")
+            if row not in earlier and isinstance(earlier.get(head), Mapping):  # one key of what is there
+                placed[head] = {**placed.get(head, {}), last: value}
+            else:
+                placed[row] = value
+        table = {**table, section: {**inner, name: placed}}
     return table
 
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,11 +40,15 @@ class Artefact(NamedTuple):
 
 
 def read(
-    gains_file: str, config_files: Sequence[str] = (), overrides: Sequence[str] = (), imports: Sequence[str] = ()
+    gains_file: str,
+    config_files: Sequence[str] = (),
+    overrides: Sequence[str] = (),
+    imports: Sequence[str] = (),
+    note: Callable[[str], None] | None = None,
 ) -> Artefact:
     """A `gains.toml`, with the configuration that it was tuned under: `config.toml` beside it unless others are given.
 
-    Overrides and imports are those of `tuning.config.load`.
+    Overrides, imports and note are those of `tuning.config.load`.
 
     Raises:
         agvjax.InputError: a file cannot be read or its content is wrong, or the controller has no period.
@@ -61,7 +65,7 @@ def read(
     beside, whole = path.with_name("config.toml"), "scenario" in table  # a configuration, which says all itself
     files = [*config_files] or ([str(beside)] if beside.is_file() and not whole else [])
     alone = {"scenario.plant": law["vehicle"]} if not (files or whole) and "vehicle" in law else {}
-    config = configuration.load([*files, gains_file], overrides, more=alone, imports=imports)
+    config = configuration.load([*files, gains_file], overrides, more=alone, imports=imports, note=note)
     if not isinstance(config.controller, agvjax.Sampled):
         rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
         raise InputError([Fault("controller", type(config.controller).__name__, rule)])

@@ -40,7 +40,12 @@ def excesses(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray
 
 
 def unseen(
-    objective: Objective, before: agvjax.Metrics, after: agvjax.Metrics, budget: np.ndarray | None, band: float
+    objective: Objective,
+    before: agvjax.Metrics,
+    after: agvjax.Metrics,
+    budget: np.ndarray | None,
+    band: float,
+    long: bool = True,
 ) -> Caveats:
     """Of runs in scenarios that no tuning saw, with the starting gains and the tuned ones.
 
@@ -50,6 +55,7 @@ def unseen(
         after: metrics with the tuned gains, of the same scenarios.
         budget: the statistics (3, M) that limits are multiples of; None: those of the starting gains here.
         band: error [m, rad] within which a run has settled.
+        long: whether the runs last long enough to settle.
     """
     everyone = objective._replace(weights=None)
     kept_before, kept = (np.asarray(metrics.ok) for metrics in (before, after))
@@ -60,7 +66,7 @@ def unseen(
     restless_before, restless = (int(np.sum(~settled(metrics) & metrics.ok)) for metrics in (before, after))
     if restless:
         counts = f"{restless} of {kept.size} validation runs have not settled within {band:g} m and rad of the path"
-        (failures if restless > kept.size / 2 else cautions).append(f"{counts} ({restless_before} before)")
+        (failures if long and restless > kept.size / 2 else cautions).append(f"{counts} ({restless_before} before)")
     if kept_before.any():
         baseline = everyone.baseline(*everyone.values(before))
         levels = np.asarray(everyone.levels(*everyone.values(after), baseline))[: len(objective.goals)]

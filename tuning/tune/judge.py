@@ -84,8 +84,9 @@ def judge(outcome: Outcome) -> TuneVerdict:
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)
     conflict = _conflict(problem, z, findings) if over else []
-    band, budget = float(agvjax.Criteria().band), problem.tuner.budget
-    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, band)
+    criteria, budget = agvjax.Criteria(), problem.tuner.budget
+    long = config.simulate.horizon > float(criteria.late)
+    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
     cautions += caveats.worst_case(objective, outcome.found, baseline)
     cautions += caveats.at_bounds(problem.tuner.gains, agvjax.leaves(outcome.controller))
     if outcome.progress.best_iteration == 0 and outcome.run.round == 0:

@@ -350,7 +350,7 @@ def test_a_missing_column_is_named(good, refused):
     [
         (dict(heading=180 / np.pi), 'unit = "deg"'),
         (dict(vx=1000, vy=1000), 'unit = "mm/s"'),
-        (dict(x=1000, y=1000), "perhaps in mm"),
+        (dict(x=1000, y=1000), 'unit = "mm"'),
         (dict(t=1000), 'unit = "ms"'),
         (dict(vx=3.6, vy=3.6), 'unit = "km/h"'),
     ],

@@ -51,6 +51,12 @@ def test_most_runs_unsettled_is_a_failure_and_few_are_a_caution():
     assert failures[0].startswith("3 of 4 validation runs have not settled") and cautions == []
 
 
+def test_runs_too_short_to_settle_are_a_caution():
+    runs = metrics([0.2] * 4, settled=False), metrics([0.1] * 4, settled=False)
+    failures, cautions = caveats.unseen(Objective(goals=GOAL, limits=()), *runs, None, 0.05, long=False)
+    assert failures == [] and cautions[0].startswith("4 of 4 validation runs have not settled")
+
+
 def test_gains_that_are_worse_where_nobody_tuned_are_a_failure():
     failures, _ = said(metrics([0.2, 0.4]), metrics([0.2, 0.5]))  # means 0.3 and 0.35
     assert failures == ["on the validation scenarios the goal is 16.7% worse than before"]

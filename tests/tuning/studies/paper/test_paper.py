@@ -151,7 +151,8 @@ def test_statements_are_what_the_rows_say():
     rows = page.rows(stand_in, compared(proposed=0.10, osfc=0.08, dfc=0.2, fractional=0.1005))
     assert [row["law"] for row in rows] == ["osfc", "proposed", "fractional", "dfc"]
     np.testing.assert_allclose([row["use_mean"] for row in rows], 0.5)
-    better, worse, alike, diverged = page.statements(rows)
+    better, worse, alike, used, diverged = page.statements(rows)
+    assert "the laws use 0.50 to 0.50 times its mean, the proposed law 0.50" in used
     assert better.endswith("better in mean RMSE: OSFC.") and worse.endswith("worse in mean RMSE: DFC.")
     assert alike.endswith("fractional integral.")
     assert diverged.endswith("none.")
