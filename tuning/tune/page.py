@@ -95,19 +95,20 @@ def identifiability(findings: Findings) -> list[str]:
     return sentences
 
 
-def rounds(rows: Sequence[Round], bounds: Mapping[str, float], start: Mapping[str, float]) -> str:
-    """What every round came to, beside the limit on the worst, and the starting gains where the last one looked."""
+def rounds(
+    rows: Sequence[Round], bounds: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None
+) -> str:
+    """What every round came to; beside it the limits on the worst, and the starting gains where the last one looked."""
     last = max((r.round for r in rows), default=0)
-    cells = [
-        [
-            *(r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found),
-            f"{bounds[r.metric]:.5g}" if r.metric in bounds else "",
-            f"{start[r.metric]:.5g}" if r.round == last and r.metric in start else "",
-        ]
-        for r in rows
-    ]
-    heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box", "limit"]
-    return grid([*heads, "there with the starting gains"], cells)
+    heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"]
+    cells = [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows]
+    for head, values in (("limit", bounds), ("there with the starting gains", start)):
+        if values is not None:
+            heads.append(head)
+            for cell, r in zip(cells, rows, strict=True):
+                told = r.metric in values and (values is bounds or r.round == last)
+                cell.append(f"{values[r.metric]:.5g}" if told else "")
+    return grid(heads, cells)
 
 
 def conclusion(verdict: TuneVerdict) -> str:
