@@ -13,6 +13,8 @@ import agvjax
 from tuning.cli.main import main
 from tuning.compute import compiled
 
+pytestmark = pytest.mark.slow  # whole commands and programs, minutes in all
+
 REPRODUCED = [  # arguments, and files by name in hexadecimal
     (["simulate", "--set", "a=" + "[" * 5000], {}),
     (["simulate", "--set", "controller.k1=" + "1" * 5000], {}),

@@ -9,6 +9,8 @@ import pytest
 from commands import python
 from tuning.compute.kept import Kept, private
 
+pytestmark = pytest.mark.slow  # whole commands and programs, minutes in all
+
 
 @pytest.fixture
 def notes():

@@ -12,6 +12,8 @@ from tuning.config.ends import Moving
 from tuning.config.whereabouts import faults, notes
 from tuning.ensemble.draws import Between, Plus, Span
 
+pytestmark = pytest.mark.slow  # whole commands and programs, minutes in all
+
 START = "start.position"
 CORNERS = [[0, 0], [10, 0], [10, 2], [0, 2]]
 

@@ -412,7 +412,10 @@ def test_on_the_path_the_law_asks_for_the_acceleration_of_the_path_turned_into_t
     assert np.allclose(list(inputs.values()), 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+SLOW = [pytest.param(x, marks=pytest.mark.slow) for x in (np.inf, -np.inf)]
+
+
+@pytest.mark.parametrize("wrong", [np.nan, *SLOW])
 def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
     for group, name in [(g, n) for g, table in enumerate((SEEN, ASKED)) for n in table]:
         now, controller = [SEEN, ASKED | {"position": [0.1, 0.2]}], numpy_controller(limited)

@@ -26,6 +26,8 @@ from tuning.identify.segments import cut, leaps
 from tuning.identify.verdict import _edge
 from tuning.io.csv_file import LARGEST, Column
 
+pytestmark = pytest.mark.slow  # whole commands and programs, minutes in all
+
 HEADER = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
 NOISE = np.array([2e-3, 2e-3, 1e-3, 4e-3, 4e-3])
 
