@@ -19,7 +19,7 @@ TUNE = [
     "ensemble.size=4",
 ]
 TUNE += ["ensemble.validation_size=4", "tune.search.checks=0", "tune.search.scouts=8", "tune.search.starts=1"]
-TUNE += ["tune.search.iterations=1"]
+TUNE += ["tune.search.iterations=1", 'tune.gains=["k1","k3"]']
 SWEEP = [
     *SHORT,
     "sweep.dt=0.01",
