@@ -14,6 +14,7 @@ from .integrate import Integrator
 from .leaves import cast, children, fits, metadata_of
 from .protocols import Law
 from .scenario import Scenario
+from .timing import whole
 
 T = TypeVar("T")
 COARSE = 0.01  # error of a mode beyond which a step is worth a word
@@ -65,7 +66,7 @@ def step_faults(
     period = controller.control_period()
     interval = dt if period is None else float(period)  # s between changes of what is asked of the actuators
     steps = interval / dt
-    if abs(steps - max(round(steps), 1)) > 1e-6 * steps:
+    if not whole(steps):
         found.append(Fault("dt", dt, f"a whole fraction of the law's period, {interval:g} s", "zero-order hold"))
     fastest, source = controller.fastest
     found += _unstable(f"the {fastest}", controller.poles(), dt, integrator, source)

@@ -6,9 +6,18 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+from jaxtyping import ArrayLike
+
 from .integrate import RK4, Integrator
 
 DT, N_STEPS = 1e-3, 12_000  # s and steps: one lap of the paper's path (reading R10)
+
+
+def whole(ratio: ArrayLike) -> np.ndarray:
+    """Whether ratios of times are whole numbers, at least 1, but for rounding."""
+    ratio = np.asarray(ratio, float)
+    return np.abs(ratio - np.maximum(np.round(ratio), 1)) <= 1e-6 * ratio
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -67,7 +67,7 @@ def keep_compiled() -> None:
     kept = _kept(f"programs-{_machine()}")
     jax.config.update("jax_compilation_cache_dir", None if kept.folder is None else str(kept.folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    with contextlib.suppress(ImportError):  # a release that has it elsewhere keeps what it compiles by itself
+    with contextlib.suppress(ImportError, AttributeError):  # of another release, JAX keeps them by itself
         from ._jax_cache import let_jax_keep
 
         let_jax_keep(kept)

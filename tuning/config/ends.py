@@ -13,6 +13,7 @@ from jaxtyping import ArrayLike
 
 import agvjax
 from agvjax import Fault
+from agvjax.timing import whole
 
 from ..ensemble.draws import Draw, Span, places
 from . import rules
@@ -113,8 +114,7 @@ def _uneven(
 ) -> list[Fault]:
     """The first period that is no whole number of steps."""
     dt = getattr(config, section).dt
-    steps = periods / dt
-    bad = np.flatnonzero(np.abs(steps - np.maximum(np.round(steps), 1)) > 1e-6 * steps)
+    bad = np.flatnonzero(~whole(periods / dt))
     if not bad.size:
         return []
     name = next(name for name in values if name.startswith(LAW))

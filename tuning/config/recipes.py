@@ -54,14 +54,14 @@ def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
         return agvjax.Waypoints.through(points, speed, closed)
     except ValueError as error:
         key = "speed" if "speed" in table and str(error).startswith("speed must") else source
-        _wrong(key, _short(table[key]), f"what a path can be made of ({error})")
+        _wrong(key, table[key], f"what a path can be made of ({error})")
 
 
 def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
     """From `file`, or `times` and `values`; and `amplitude`, a factor."""
     if _source(table, "times") == "file":
         if "values" in table:
-            _wrong("values", _short(table["values"]), "absent where there is a file")
+            _wrong("values", table["values"], "absent where there is a file")
         columns = _file(table["file"], ("t",), CHANNELS)
         if len(columns) == 1:
             _wrong("file", table["file"], f"a file with at least one of the columns {', '.join(CHANNELS)}")
@@ -71,10 +71,10 @@ def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
         times = _array(table, "times", "a list of numbers in s")
         values = _array(table, "values", "a list of [x, y, heading], one for each time")
         if times.ndim != 1 or times.size < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-            _wrong("times", _short(table["times"]), "at least two numbers in s, each above the one before")
+            _wrong("times", table["times"], "at least two numbers in s, each above the one before")
         if values.shape != (times.size, 3) or not np.all(np.isfinite(values)):
             rule = f"a list of {times.size} finite [x, y, heading], one for each time"
-            _wrong("values", _short(table["values"]), rule)
+            _wrong("values", table["values"], rule)
     factor: Any = _array({"amplitude": 1.0, **table}, "amplitude", "a number or one for each of three channels")
     return agvjax.Recorded(times=times, values=values, amplitude=factor if factor.ndim else float(factor))
 
@@ -101,7 +101,7 @@ RECIPES: dict[type, Recipe] = {
 def _source(table: Mapping[str, Toml], inline: str) -> str:
     """Which of the two ways the numbers are given."""
     if "file" in table and inline in table:
-        _wrong(inline, _short(table[inline]), "absent where there is a file")
+        _wrong(inline, table[inline], "absent where there is a file")
     if "file" not in table and inline not in table:
         _wrong("file", "", f"the name of a CSV file, where there are no {inline}")
     return "file" if "file" in table else inline
@@ -121,13 +121,8 @@ def _array(table: Mapping[str, Toml], name: str, rule: str) -> np.ndarray:
     """Numbers of a table, at least one."""
     array = numbers(table.get(name))
     if array is None or not array.size:
-        _wrong(name, _short(table.get(name)), rule)
+        _wrong(name, table.get(name), rule)
     return array
-
-
-def _short(value: Toml) -> Toml:
-    text = repr(value)
-    return value if len(text) < 80 else f"{text[:60]} ... ({len(text)} characters)"
 
 
 def _wrong(key: str, value: Toml, rule: str) -> NoReturn:

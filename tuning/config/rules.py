@@ -10,6 +10,7 @@ import numpy as np
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.protocols import Element
+from agvjax.timing import whole
 
 from ..ensemble.draws import correlated
 from .complete import complete
@@ -121,9 +122,9 @@ def timing_faults(config: Config, label: str) -> list[Fault]:
     steps, interval = horizon / dt, simulate.control_every * simulate.dt
     if steps > MOST_STEPS:
         return [Fault(key, dt, f"at least {horizon / MOST_STEPS:.3g} s: at most {MOST_STEPS:.0g} steps")]
-    if not _whole(steps):
+    if not whole(steps):
         return [Fault(key, dt, f"a whole fraction of the horizon, {horizon:g} s")]
-    if simulate.control_every > 1 and not _whole(interval / dt):
+    if simulate.control_every > 1 and not whole(interval / dt):
         rule = f"a whole fraction of the control interval, simulate.control_every * simulate.dt = {interval:g} s"
         return [Fault(key, dt, rule)]
     if label == "simulate" and round(steps) % simulate.save_every:
@@ -137,8 +138,3 @@ def step_faults(config: Config, label: str) -> list[Fault]:
     method = agvjax.INTEGRATORS[section.integrator]
     wrong = agvjax.step_faults(config.controller, section.dt, config.simulate.horizon, method, config.scenario)
     return [fault._replace(key=keys.get(fault.key, f"scenario.{fault.key}")) for fault in wrong]
-
-
-def _whole(count: float) -> bool:
-    """Whether this is a whole number >= 1, up to rounding."""
-    return abs(count - max(round(count), 1)) <= 1e-6 * count

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 import agvjax
 from agvjax.draw import plot
@@ -48,11 +49,14 @@ def history_figure(names: Sequence[str], run: Run) -> Figure:
         if turn < run.round:
             offset += len(part)
     low = np.nanmin(table[:, COLUMNS.index("goal")])
-    cost.set(ylabel="relative to start", ylim=(0.98 * low, 1.05 * max(table[0, COLUMNS.index("cost")], low)))
+    top = max(table[0, COLUMNS.index("cost")], low)
+    cost.set(ylabel="sum of weighed goals", ylim=(0.98 * low, 1.05 * top))
     cost.legend(fontsize=8)
     norm.set(ylabel="gradient norm")
+    for side in (norm.yaxis.set_major_formatter, norm.yaxis.set_minor_formatter):
+        side(StrMethodFormatter("{x:g}"))
     gain.set(ylabel="gain / start", xlabel="iteration")
-    gain.legend(fontsize=8, ncols=4)
+    gain.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return figure
 
 

@@ -56,7 +56,9 @@ class TuneVerdict(NamedTuple):
         """The verdict: a sentence, then what was left to be desired, a line each."""
         first = "Limits not met" if self.over else "All limits are met on the tuning scenarios"
         if self.useless:
-            first += ", but these gains should not be used" if not self.over else ", and these gains should not be used"
+            first += "; these gains should not be used"
+        elif self.cautions and not self.over:
+            first += "; to be known before these gains are used"
         rest = [*self.over, *self.conflict, *self.useless, *self.cautions]
         return [first + (":" if rest else "."), *rest]
 

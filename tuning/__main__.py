@@ -1,5 +1,0 @@
-"""`python -m tuning` is `agvjax`."""
-
-from .cli.start import run
-
-run()
