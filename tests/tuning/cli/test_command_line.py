@@ -507,9 +507,8 @@ def test_without_a_command_help_is_printed_and_the_version_on_request(capsys):
     assert capsys.readouterr().out == f"agvjax {agvjax.__version__}\n"
 
 
-@pytest.mark.parametrize("module", ["tuning", "tuning.cli"])
-def test_the_package_is_the_command(module):
-    assert run(["--version"], program=("-m", module))[0] == f"agvjax {agvjax.__version__}\n"
+def test_the_package_is_the_command():
+    assert run(["--version"])[0] == f"agvjax {agvjax.__version__}\n"
 
 
 @pytest.mark.parametrize(
