@@ -40,7 +40,7 @@ def _broken(key: str, tree: PyTree, part: str) -> list[Fault]:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         return [Fault(key, value, wanted, source)]
-    if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
+    if not (jnp.issubdtype(array.dtype, jnp.integer) or jnp.issubdtype(array.dtype, jnp.floating)):
         return [Fault(key, repr(value), f"a number, {rule.text}", source)]
     if not fits(tree, part, array.shape) or array.size == 0:
         return [Fault(key, f"shape {array.shape}", wanted, source)]

@@ -13,11 +13,11 @@ from jaxtyping import Array, Float
 from .._pytree import POSITIVE, Numbers, Real, number, pytree, structure
 from ..geometry import bearing
 from ..protocols import Path
+from .points import checked
 
 Values = TypeVar("Values", Array, np.ndarray)
 PARTS = 8  # of a segment between two points, on which integrals are taken by Gauss' rule; halved where that is too few
 FIRST, MOST = 8, 2**16  # pieces of a segment to begin with; pieces in all beyond which the fit is given up
-REPEATED = 1e-2  # of the distances around it, below which a distance between points is a point given twice
 OFF, SLOW = 1e-8, 1e-4  # how far off it may be: in position, of the path's size, and in velocity, of the speed there
 
 
@@ -59,7 +59,7 @@ class Waypoints(Path):
             ValueError: too few points, repeated ones, numbers that are none, speeds that are not positive, or a curve
                 that turns too sharply to be followed.
         """
-        rows = _checked(points, speed, bool(closed))
+        rows = checked(points, speed, bool(closed))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # where the curve has a cusp
             motion = _Motion(rows, bool(closed))
             pieces = FIRST * (motion.instants.size - 1)
@@ -235,51 +235,3 @@ class _Motion:
         bend = np.linalg.norm(self.curve(p, 2), axis=1) / np.sum(self.curve(p, 1) ** 2, axis=1)
         turn = np.nan_to_num(bend * self.speed(s), nan=np.inf)
         return self.curve(p[np.argmax(turn)]), float(turn.max())
-
-
-def _checked(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> np.ndarray:
-    """Points and speeds as rows (N, 3), found usable."""
-    points = _numbers("points", points)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"points must be of shape (N, 2), x and y; their shape is {points.shape}")
-    speeds = _numbers("speed", 1.0 if speed is None else speed)
-    least = 3 if closed else 2
-    if len(points) < least:
-        kind = "a closed" if closed else "an open"
-        raise ValueError(f"points must be at least {least} for {kind} path; given {len(points)}")
-    if speeds.shape not in ((), (len(points),)):
-        raise ValueError(f"speed must be a number or one for each of {len(points)} points; its shape is {speeds.shape}")
-    for name, bad in (("points", ~np.isfinite(points).all(axis=1)), ("speed", ~np.isfinite(np.atleast_1d(speeds)))):
-        if bad.any():
-            raise ValueError(f"{name} must be finite; number {np.argmax(bad) + 1} is not")
-    if np.any(speeds <= 0):
-        place = f"number {np.argmax(speeds <= 0) + 1} is " if speeds.ndim else "it is "
-        raise ValueError(f"speed must be > 0; {place}{speeds.flat[np.argmax(speeds <= 0)]:g}")
-    after = np.roll(points, -1, axis=0) if closed else points[1:]
-    gaps = np.linalg.norm(after - points[: len(after)], axis=1)
-    around = _neighbouring(gaps, closed)
-    repeated = gaps <= REPEATED * around
-    if repeated.any():
-        first = int(np.argmax(repeated)) + 1
-        second = first % len(points) + 1
-        apart = f"only {gaps[first - 1]:.3g} m apart, against {around[first - 1]:.3g} m around them"
-        closes = "; a closed path needs no repetition of its first point" if second == 1 else "; leave one out"
-        raise ValueError(
-            "points must differ from the one before;"
-            f" number {first} and number {second} are {apart if gaps[first - 1] else 'equal'}{closes}"
-        )
-    return np.column_stack([points, np.broadcast_to(speeds, len(points))])
-
-
-def _neighbouring(gaps: np.ndarray, closed: bool) -> np.ndarray:
-    """For each distance between points the usual one around it: the larger of two on either side, the smaller side."""
-    padded = np.pad(gaps, 2, mode="wrap" if closed else "constant")
-    sides = np.maximum(padded[:-4], padded[1:-3]), np.maximum(padded[3:-1], padded[4:])
-    return np.where(np.minimum(*sides) > 0, np.minimum(*sides), np.maximum(*sides))
-
-
-def _numbers(name: str, given: ArrayLike) -> np.ndarray:
-    try:
-        return np.asarray(given, float)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{name} must be numbers, as many in every row ({error})") from error

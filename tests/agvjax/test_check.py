@@ -42,6 +42,7 @@ def test_problems_name_every_bad_leaf():
         (agvjax.Line(velocity=1.0), r"velocity = shape (): must be an array of shape (2,)"),
         (agvjax.DifferentialDrive(road_slope=0.0), r"road_slope = shape (): must be an array of shape (2,)"),
         (agvjax.Cosine(amplitude=[0.1, 0.2]), r"amplitude = shape (2,): must be a number or an array of shape (3,)"),
+        (agvjax.Start(heading=1j), "heading = 1j: must be a number, finite"),
         (agvjax.Start(position=[[0.0], [1.0, 2.0]]), "position = [[0.0], [1.0, 2.0]]: must be an array of shape (2,)"),
     ],
 )

@@ -174,6 +174,9 @@ def test_a_vehicle_follows_it():
         ([0, 1, 2], None, False, "points must be of shape"),
         ([[0, 0], [1]], None, False, "points must be numbers, as many in every row"),
         ([[0, 0], ["a", 1]], None, False, "points must be numbers"),
+        ([[0, 0], [1, 0], [2, 0], [1.9, 0], [3, 0]], None, False, "from number 3 to number 4 it goes back by 0.1 m"),
+        ([[0, 0], [1, 0], [1, 1], [-1, 1], [-1, 0], [0.1, 0]], None, True, "passed number 1 before number 6"),
+        ([[0, 0], [1, 0], [1, 1], [-1, 1], [-1, 0], [-0.1, 0], [0.8, 0]], None, True, "1 before number 7"),
         ([[0, 0], [1, 0], [0, 0]], None, False, "near its sharpest turn at x = 1 m, y = 0 m"),
     ],
 )
@@ -187,6 +190,32 @@ def test_points_may_lie_much_closer_in_a_bend_than_on_a_straight():
     bend = np.c_[1 - np.cos(turn), np.sin(turn)]
     path = Waypoints.through(np.r_[[[0, -60], [0, -30]], bend, [[30, 1], [60, 1]]])  # 0.14 m beside 30 m
     assert len(path.points) == 16
+
+
+@pytest.mark.parametrize("turns", [1.02, 1.1])
+def test_a_lap_that_runs_past_its_beginning_is_named(turns):
+    """As a recorder writes it that was stopped a little late: joined to its first point it would be a hook."""
+    angle = np.linspace(0, 2 * np.pi * turns, 30)
+    lap = np.c_[10 * np.cos(angle), 6 * np.sin(angle)] + np.random.default_rng(0).normal(size=(30, 2)) * 0.02
+    with pytest.raises(ValueError, match="it has passed number 1 before number 30; leave out the last ones"):
+        Waypoints.through(lap, closed=True)
+    assert np.abs(Waypoints.through(lap[angle < 2 * np.pi - 0.1], closed=True).geometry().curvature).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("points", "closed"),
+    [
+        ([[0, 0], [10, 1], [0, 2], [10, 3], [0, 4]], False),  # there and back, between long legs
+        ([[0, 0], [10, 0], [10, 0.5], [0, 0.5]], True),
+        ([[10, 0], [5, 1], [0, 0]], True),
+        (np.c_[10 * np.sin(np.arange(0.1, 6.3, 0.3)), 5 * np.sin(2 * np.arange(0.1, 6.3, 0.3))], True),
+    ],
+)
+def test_sharp_turns_and_a_crossing_are_no_slip(points, closed):
+    try:
+        Waypoints.through(points, closed=closed)
+    except ValueError as error:
+        assert "go on along the path" not in str(error)
 
 
 # ------------------------------------------------------------------------------------------------------- disturbances

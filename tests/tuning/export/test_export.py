@@ -434,6 +434,23 @@ def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
         assert late.step(*now) == numpy_controller(limited).step(*now) and late.status == "STARTED"
 
 
+@pytest.mark.parametrize("name", ["limited", *(pytest.param(n, marks=pytest.mark.slow) for n in ("stateless", "osfc"))])
+def test_a_place_on_the_map_and_whole_turns_change_nothing(name, exported):
+    """A circle driven beside, as it is and in UTM coordinates, and with its headings folded to a turn."""
+    inputs = []
+    for place, turn in ((0, lambda h: h), ([4e5, 4e6], lambda h: h), (0, lambda h: np.angle(np.exp(1j * h)))):
+        controller, now = numpy_controller(exported(name)), []
+        for heading in 2.9 + 0.01 * np.arange(60):
+            ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+            asked = {"position": place - left, "velocity": 0.5 * ahead, "acceleration": 0.25 * left}
+            seen = {"position": place - 1.05 * left, "velocity": 0.5 * ahead, "heading": turn(heading + 0.1)}
+            asked, seen = asked | {"heading": turn(heading), "heading_rate": 0.5}, seen | {"yaw_rate": 0.5}
+            now.append(list(controller.step(SEEN | seen, ASKED | asked).values()))
+        inputs.append(now)
+    assert np.ptp(inputs[0], axis=0).max() > 0.01
+    assert np.allclose(inputs[1], inputs[0], atol=1e-6) and np.allclose(inputs[2], inputs[0], atol=1e-9)
+
+
 def test_the_numpy_file_tests_itself_when_it_is_run(limited, tmp_path):
     text = numpy_file.files(limited)["agv_controller.py"]
     for old, new, status in (("", "", 0), ("'inner.k1': 3.0", "'inner.k1': 3.0001", 1)):
