@@ -57,9 +57,10 @@ def _back(points: np.ndarray, closed: bool) -> str:
         back[[0, -1]] = False
     short = back & (gaps < BACK * np.minimum(np.roll(gaps, 1), np.roll(gaps, -1)))
     if closed and back[-1] and not short[-1] and len(points) > 3:
-        first, line = points[1:-1], steps[1:-1]  # does the last part pass where the path began?
+        first, line = points[1:-1], steps[1:-1]  # does a later part pass where the path began?
         share = np.clip(np.sum((points[0] - first) * line, axis=1) / gaps[1:-1] ** 2, 0, 1)
         off = np.linalg.norm(points[0] - first - share[:, None] * line, axis=1)
+        off[np.cumsum(gaps[:-2]) < gaps[-1]] = np.inf
         short[-1] = off.min() < ON * gaps[-1] and line[np.argmin(off)] @ steps[0] > 0
     if not short.any():
         return ""

@@ -208,6 +208,7 @@ def test_a_lap_that_runs_past_its_beginning_is_named(turns):
         ([[0, 0], [10, 1], [0, 2], [10, 3], [0, 4]], False),  # there and back, between long legs
         ([[0, 0], [10, 0], [10, 0.5], [0, 0.5]], True),
         ([[10, 0], [5, 1], [0, 0]], True),
+        (np.c_[np.arange(0.0, 20), 0.2 * np.sin(np.arange(0.0, 20))], True),  # closed by a long way back
         (np.c_[10 * np.sin(np.arange(0.1, 6.3, 0.3)), 5 * np.sin(2 * np.arange(0.1, 6.3, 0.3))], True),
     ],
 )
