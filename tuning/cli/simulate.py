@@ -17,7 +17,7 @@ from ..config import whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
-from ..sweep.replay import vehicle
+from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
 from .measured import divergence, numbers, tables
@@ -28,8 +28,9 @@ NUMBERS = 60  # about so many are kept of one sample, copies among them
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
-    config, console = configure(arguments, _rules)
-    if (arguments.sweep, arguments.index, arguments.controller) != (None, None, None):
+    of_sweep = (arguments.sweep, arguments.index, arguments.controller) != (None, None, None)
+    config, console = configure(arguments, _settings if of_sweep else _rules)
+    if of_sweep:
         config = _of_sweep(arguments, config)
         if wrong := whereabouts.faults(config):
             raise InputError(wrong)
@@ -52,16 +53,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _rules(config: Config) -> list[Fault]:
     """What is wrong with a configuration that is rolled out and kept."""
-    if wrong := faults(config):
-        return wrong
+    return faults(config) or _kept(config)
+
+
+def _kept(config: Config) -> list[Fault]:
+    """Samples that no memory holds."""
     every = config.simulate.save_every
     kept = config.simulate.horizon / config.simulate.dt / every * NUMBERS * config.precision / 8
     rule = f"larger, or simulate.dt coarser or simulate.horizon shorter: all that is kept takes {too_much(kept)}"
     return [Fault("simulate.save_every", every, rule)] if too_much(kept) else []
 
 
+def _settings(config: Config) -> list[Fault]:
+    """What is wrong with the settings of a run whose scenario and law come of a sweep."""
+    return [fault._replace(key=f"simulate.{fault.key}") for fault in agvjax.faults(config.simulate)]
+
+
 def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
-    """A scenario of a sweep and one of its controllers; timing as configured here."""
+    """A scenario of a sweep and one of its controllers, with the sweep's settings but for those of [simulate] here."""
     others = [text for text in arguments.set if not text.startswith("simulate.")]
     others += [f"--config {name}" for name in arguments.config] + ["--seed"] * (arguments.seed is not None)
     if others:
@@ -69,16 +78,15 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
         raise InputError([Fault("--from", text, rule) for text in others])
     if arguments.sweep is None:
         raise InputError([Fault("--from", "none", "the folder of a sweep, with --index and --controller")])
-    controller, scenario, horizon = vehicle(arguments.sweep, arguments.index, arguments.controller, arguments.imports)
-    if any(text.startswith("simulate.horizon") for text in arguments.set):
-        horizon = config.simulate.horizon
-    timing = dataclasses.replace(config.simulate, horizon=horizon)
-    return checked(dataclasses.replace(config, controller=controller, scenario=scenario, simulate=timing), _vehicle, [])
+    found = vehicle(arguments.sweep, arguments.index, arguments.controller, arguments.imports)
+    given = [text.partition("=")[0].partition(".")[2].strip(" \"'") for text in arguments.set]
+    simulate = retimed(found.config.simulate, {name: getattr(config.simulate, name) for name in given})
+    return checked(dataclasses.replace(found.config, simulate=simulate, precision=config.precision), _vehicle, [])
 
 
 def _vehicle(config: Config) -> list[Fault]:
     """What is wrong with a vehicle that was drawn, a fraction of a seed too."""
-    return vehicle_faults(config) or timing_faults(config, "simulate")
+    return vehicle_faults(config) or timing_faults(config, "simulate") or _kept(config)
 
 
 def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:

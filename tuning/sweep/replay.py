@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import agvjax
 from agvjax import Fault, InputError
+from agvjax.timing import whole
 
+from ..config.settings import Config, Simulate, Tune
 from . import results, shards
 from .design import scene
 
 
 class Vehicle(NamedTuple):
-    """A scenario of a sweep, one of the sweep's controllers, and how long it was rolled out."""
+    """A scenario of a sweep, one of the sweep's controllers, and the sweep's configuration with both of them."""
 
     controller: agvjax.Law
     scenario: agvjax.Scenario
-    horizon: float  # s
+    config: Config
 
 
 def vehicle(folder: str, index: int | None, name: str | None = None, imports: Sequence[str] = ()) -> Vehicle:
@@ -49,7 +52,25 @@ def vehicle(folder: str, index: int | None, name: str | None = None, imports: Se
         raise _no_sweep(folder, error) from error
     swept, scenario = scene(plan, index)
     controller = results.controller_of(manifest, manifest.names.index(name) if name is not None else 0, imports)
-    return Vehicle(agvjax.replace(controller, swept), scenario, config.simulate.horizon)
+    tune = config.tune if type(controller) is type(config.controller) else Tune()  # its gains are those of a law
+    controller = agvjax.replace(controller, swept)
+    return Vehicle(controller, scenario, replace(config, controller=controller, scenario=scenario, tune=tune))
+
+
+def retimed(swept: Simulate, given: Mapping[str, Any]) -> Simulate:
+    """A sweep's settings of a run with others `given` by name; law and sensor look as often, unless that is given too.
+
+    Raises:
+        InputError: the step divides the sweep's control interval into no whole number.
+    """
+    timing = replace(swept, **given)
+    if swept.control_every == 1 or "control_every" in given:
+        return timing
+    interval = swept.control_every * swept.dt
+    if not whole(interval / timing.dt):
+        rule = f"a whole fraction of the sweep's control interval, {interval:g} s, or given with simulate.control_every"
+        raise InputError([Fault("simulate.dt", timing.dt, rule)])
+    return replace(timing, control_every=round(interval / timing.dt))
 
 
 def _no_sweep(folder: str, error: ValueError) -> InputError:
