@@ -49,7 +49,7 @@ def simulate(
     Raises:
         ValueError: `n_steps` is no positive multiple of `save_every`, or the scenario's actuators are not the plant's.
     """
-    if save_every < 1 or n_steps % save_every:
+    if save_every < 1 or save_every != int(save_every) or n_steps % save_every:
         raise ValueError(
             f"n_steps must be a positive multiple of save_every; got n_steps={n_steps}, save_every={save_every}"
         )

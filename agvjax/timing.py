@@ -36,10 +36,9 @@ class Timing(Mapping[str, Any]):
 
     def __post_init__(self) -> None:
         """No tree of JAX's, so it may check itself."""
-        if self.n_steps < 1 or self.control_every < 1:
-            raise ValueError(
-                f"n_steps and control_every must be at least 1; got {self.n_steps} and {self.control_every}"
-            )
+        counts = self.n_steps, self.control_every
+        if min(counts) < 1 or any(count != int(count) for count in counts):
+            raise ValueError("n_steps and control_every must be whole, at least 1; got {} and {}".format(*counts))
         if not isinstance(self.integrator, Integrator):
             raise TypeError(f"integrator must be agvjax.RK4, HEUN or EULER; got {self.integrator!r}")
 

@@ -21,11 +21,11 @@ from ..messages import Command, Measurement, Reference
 from ..protocols import Element, Inputs, Law, Plant, Sensor
 from ..scenario import Scenario
 
-RESOLUTION = 1e-3  # m, to which a run must know positions
+RESOLUTION = 1e-3  # m and rad, to which a run must know positions and headings
 
 
 def farthest(dtype: DTypeLike) -> float:
-    """How far [m] from the origin numbers of this kind still resolve positions: 8 km in float32."""
+    """How far [m, rad] from 0 numbers of this kind still resolve places and headings: 8 km, 1300 turns in float32."""
     return RESOLUTION / float(jnp.finfo(dtype).eps)
 
 
@@ -154,13 +154,14 @@ def inside(scenario: Scenario, state: PyTree, reference: Reference) -> Bool[Arra
 
     The vehicle alone is watched: whatever in the law diverges and matters drives it out. A `position` counts from
     where the path is, a `heading` without its whole turns: neither a map's origin nor the number of laps matters. Yet
-    a position must be one that the numbers resolve, see `RESOLUTION`: a vehicle would stand still or leap.
+    both must be ones that the numbers resolve, see `RESOLUTION`: a vehicle would stand still or leap.
     """
     parts, resolved = dict(children(state)), jnp.array(True)
     if "position" in parts:
         resolved = jnp.max(jnp.abs(parts["position"])) < farthest(parts["position"].dtype)
         parts["position"] = parts["position"] - reference.position
     if "heading" in parts:
+        resolved &= jnp.abs(parts["heading"]) < farthest(parts["heading"].dtype)
         parts["heading"] = wrap(parts["heading"])
     square = sum((jnp.sum(leaf**2) for leaf in jax.tree.leaves(parts)), start=0.0)
     return resolved & (square < scenario.limit**2)

@@ -74,6 +74,8 @@ def test_lists_of_numbers_are_as_good_as_arrays():
     [
         (lambda c, s: agvjax.simulate(s, c), "scenario must be one agvjax.Scenario, after the controller"),
         (lambda c, s: agvjax.simulate(c, agvjax.batch(s, {"limit": [1.0, 2.0]})), "must be one agvjax.Scenario"),
+        (lambda c, s: agvjax.evaluate(c, s, n_steps=10.5), "n_steps and control_every must be whole"),
+        (lambda c, s: agvjax.simulate(c, s, control_every=1.5), "n_steps and control_every must be whole"),
         (lambda c, s: agvjax.simulate(c, s, integrator="rk4"), "integrator must be agvjax.RK4, HEUN or EULER"),
         (lambda c, s: agvjax.simulate(c, replace(s, {"start.position": np.zeros(3)})), r"start.position must have"),
         (lambda c, s: agvjax.simulate(agvjax.FractionalBackstepping(inner=agvjax.OSFC()), s), "integrals"),

@@ -278,12 +278,19 @@ def test_a_place_that_single_precision_does_not_resolve_to_a_millimetre_is_no_ru
     assert bool(mapped(place, jnp.float32).ok) is fine  # 2^-23 of the distance from the origin
 
 
+@pytest.mark.parametrize(("turns", "fine"), [(-1300, True), (1400, False)])
+def test_a_heading_that_single_precision_does_not_resolve_to_a_thousandth_is_no_run(turns, fine):
+    assert bool(mapped([0.0, 0.0], jnp.float32, turns).ok) is fine
+
+
 @pytest.mark.parametrize(
     ("scenario", "steps", "text"),
     [
         (PAPER, {"n_steps": 100, "save_every": 7}, "multiple of save_every"),
         (PAPER, {"n_steps": 100, "save_every": 0}, "save_every"),
         (PAPER, {"n_steps": 0}, "n_steps"),
+        (PAPER, {"n_steps": 10.5}, "multiple of save_every"),
+        (PAPER, {"n_steps": 10, "save_every": 2.5}, "save_every"),
         (PAPER, {"n_steps": 100, "control_every": 0}, "control_every"),
         (Scenario(deadzone={"steering": Deadzone(), "heading": Deadzone()}), {"n_steps": 1}, "steering"),
         (Scenario(path=agvjax.Circle(), heading=agvjax.Bearing()), {"n_steps": 1}, "Tangent"),

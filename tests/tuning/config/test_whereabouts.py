@@ -53,6 +53,14 @@ def test_places_that_single_precision_does_not_resolve_are_refused_with_it(setti
     assert faults(config_of(None, "scenario.start.position=[8000, 0]", "precision=32")) == []
 
 
+def test_a_heading_of_too_many_turns_for_single_precision_is_refused_with_it():
+    """At 2^13 rad the numbers of 24 bits are 2^-10 rad apart."""
+    (fault,) = faults(config_of(None, "scenario.start.heading=-9000", "precision=32"))
+    assert fault.key == "scenario.start.heading" and "0.001 rad apart" in fault.rule
+    assert faults(config_of(None, "scenario.start.heading=-9000")) == []
+    assert faults(config_of(None, "scenario.start.heading=8000", "precision=32")) == []
+
+
 def test_drawn_and_swept_starts_count_too():
     config = config_of(None, "precision=32")
     for name, draw in ((START, Plus(0.0, 9000.0)), (f"{START}[1]", Between(0.0, 9000.0))):
