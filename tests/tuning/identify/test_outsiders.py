@@ -117,6 +117,21 @@ def posed(low=0.0, high=0.1, least="", most="above"):
     return Parameter("deadzone.a.threshold_right", "1", 0.05, low, high, 0.05, 0.005, least, most)
 
 
+def test_one_number_of_a_deadzone_may_be_fitted_alone(tmp_path):
+    """The others stay as they are assumed; the picture of the deadzone is drawn all the same."""
+    out, fitted = tmp_path / "out", "deadzone.acceleration.slope_right"
+    options = ["--fit", fitted, "--set", "scenario.plant=unicycle", "--quiet"]
+    options += [x for key in ("starts=1", "bootstrap=5", "drives=0") for x in ("--set", f"identify.{key}")]
+    assert main(["identify", written(tmp_path / "log.csv", circling()), *options, "--out", str(out)]) == 0
+    assert set(json.loads((out / "estimates.json").read_text())["parameters"]) == {fitted}
+    assert (out / "deadzones.png").exists()
+    before, after = resolve({"scenario": {"plant": "unicycle"}}), configuration.load([str(out / "scenario.toml")], [])
+    changed = [
+        n for n, x in agvjax.leaves(after.scenario).items() if not np.array_equal(x, agvjax.leaves(before.scenario)[n])
+    ]
+    assert set(changed) <= {fitted}
+
+
 def test_a_value_at_or_near_the_end_of_where_it_was_looked_for_is_a_bound():
     assert "ends at 0.1" in _edge(posed(), 0.1, 1e-6, 0.0)
     assert "ends at 0.0951" in _edge(posed(), 0.0951, 1e-6, 0.0)  # within a twentieth of the largest command
