@@ -55,9 +55,9 @@ def faults(config: Config, moving: Sequence[Moving] = ()) -> list[Fault]:
         if config.precision == 32 and far > limit:
             rule = f"64 (--precision 64): {what} lies {far:.6g} m from the origin, and 32 bits tell places"
             wrong.append(Fault("precision", 32, f"{rule} {RESOLUTION:g} m apart up to {limit:.0f} m only"))
-    turned = abs(float(config.scenario.start.heading))
-    if config.precision == 32 and turned > limit:
-        rule = f"at most {limit:.0f} rad in size, or precision 64: 32 bits tell none {RESOLUTION:g} rad apart there"
+    turned, most = abs(float(config.scenario.start.heading)), farthest(f"float{config.precision}")
+    if turned > most:
+        rule = f"at most {most:.4g} in size: {config.precision} bits tell none {RESOLUTION:g} rad apart beyond"
         wrong.append(Fault("scenario.start.heading", turned, rule))
     extent = float(np.linalg.norm(way - way[0], axis=1).max())
     nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))

@@ -53,12 +53,12 @@ def test_places_that_single_precision_does_not_resolve_are_refused_with_it(setti
     assert faults(config_of(None, "scenario.start.position=[8000, 0]", "precision=32")) == []
 
 
-def test_a_heading_of_too_many_turns_for_single_precision_is_refused_with_it():
-    """At 2^13 rad the numbers of 24 bits are 2^-10 rad apart."""
-    (fault,) = faults(config_of(None, "scenario.start.heading=-9000", "precision=32"))
+@pytest.mark.parametrize(("precision", "most"), [(32, 2**13), (64, 2**42)])
+def test_a_heading_of_more_turns_than_the_numbers_resolve_is_refused(precision, most):
+    """At 2^13 rad the numbers of 24 bits are 2^-10 rad apart, at 2^42 rad those of 53."""
+    (fault,) = faults(config_of(None, f"scenario.start.heading={-1.1 * most}", f"precision={precision}"))
     assert fault.key == "scenario.start.heading" and "0.001 rad apart" in fault.rule
-    assert faults(config_of(None, "scenario.start.heading=-9000")) == []
-    assert faults(config_of(None, "scenario.start.heading=8000", "precision=32")) == []
+    assert faults(config_of(None, f"scenario.start.heading={0.9 * most}", f"precision={precision}")) == []
 
 
 def test_drawn_and_swept_starts_count_too():
