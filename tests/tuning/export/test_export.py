@@ -262,6 +262,41 @@ def test_no_number_that_is_not_finite_enters_the_state_in_c(name, precision, exp
     assert subprocess.run([program], check=False).returncode == 0
 
 
+FAR = r"""
+#include <stdio.h>
+#include <string.h>
+#include "law.h"
+int main(void) {
+    const double places[4] = {0.0, 8000.0, -8500.0, 4e6};
+    law_state state;
+    law_measurement seen;
+    law_reference asked;
+    law_output output;
+    int k;
+    for (k = 0; k < 4; k++) {
+        memset(&seen, 0, sizeof seen);
+        memset(&asked, 0, sizeof asked);
+        seen.position[k % 2] = asked.position[k % 2] = (law_real)places[k];
+        asked.velocity[0] = (law_real)0.5;
+        law_start(&law_tuned, &state, &seen, &asked);
+        law_step(&law_tuned, &state, &seen, &asked, &output);
+        printf("%d%d ", output.status, output.acceleration != 0);
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize(("precision", "said"), [([], "01 01 01 01 "), (["-DLAW_FLOAT"], "01 01 31 31 ")])
+def test_places_that_a_float_does_not_tell_to_a_millimetre_are_said(precision, said, limited, tmp_path):
+    """At 2^13 m the numbers of 24 bits are 2^-10 m apart: the step is taken and says so."""
+    write_c(limited, tmp_path)
+    (tmp_path / "far.c").write_text(FAR)
+    done = subprocess.run([gcc(tmp_path, *precision, "far.c")], capture_output=True, text=True, check=True)
+    assert done.stdout == said and "#define LAW_COARSE 3 " in (tmp_path / "law.h").read_text()
+
+
 @needs_gcc
 @pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_a_compiler_that_takes_every_number_to_be_finite_is_refused(option, limited, tmp_path):
