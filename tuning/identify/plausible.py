@@ -12,6 +12,7 @@ from agvjax.geometry import wrap
 
 from ..io.csv_file import Column
 from .log import LEAST_ROWS, POSE, Log, shifts, white_noise
+from .segments import leaps
 
 CLEAR = 5.0  # times its noise: a motion by which a unit or a heading can be judged
 WILD = 1e4  # times what is usual
@@ -57,7 +58,8 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
     jumps = np.any((turns > 180) & (turns <= 360.5)) and np.abs(heading).max() > 4 * np.pi
     noise = white_noise(list(path.T))
     goes = rolls and any(shifts(value, log.step) for value in path.T)
-    reading = _reading(path, heading, noise) if goes else AS_GIVEN
+    sound = ~leaps(log)[rows][:, [list(log.measured).index(name) for name in POSE[:2]]].any(axis=1)
+    reading = _reading(path[sound], heading[sound], noise) if goes else AS_GIVEN
     if reading.degrees or jumps:
         why = "as radians it fits neither the way the vehicle goes nor a whole turn"
         faults.append(suspect("heading", "deg", why))
@@ -179,6 +181,8 @@ TURNED = {  # other conventions, and what they make of an angle
     "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
     "it is where heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
 }
+SKEW = 0.05  # rad, between where a vehicle looks and where it goes: more is another frame, or a sensor mounted so
+TIED = 0.6  # square of the correlation of way and turn, as on a circle, from which neither tells the angle
 FEW, SHARP = 5, 0.5  # stretches by which a heading can be judged; rad, a turn within one that says too little
 
 
@@ -214,4 +218,23 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
     turned, middle = np.arcsin(np.sin(0.5 * (heading[last] - heading[first]))), heading[(first + last) // 2]
     straight = np.abs(np.sin(np.arctan2(moved[:, 1], moved[:, 0]) - middle))[np.abs(turned) < SHARP / 2]
     astray = straight.size >= FEW and np.median(straight) > WRONG
+    if skew := _skew(moved, middle, 2 * turned):
+        return HeadingReading(False, f"it is off by the same angle throughout: add {skew:.2g} rad to the column")
     return HeadingReading(False, ASTRAY) if off[AS_GIVEN] > WRONG and astray else AS_GIVEN
+
+
+def _skew(moved: np.ndarray, middle: np.ndarray, turned: np.ndarray) -> float:
+    """By how much [rad] a vehicle goes to the left of where it looks, however it turns; 0 where that is not clear."""
+    along = moved[:, 0] * np.cos(middle) + moved[:, 1] * np.sin(middle)
+    aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
+    table, kept = np.column_stack([along, turned]), np.abs(turned) < SHARP / 2
+    for _ in range(3):  # the second column is what the reference point swings out by; without outliers
+        square = table[kept].T @ table[kept]
+        if kept.sum() < 2 * FEW or square[0, 1] ** 2 > TIED * square[0, 0] * square[1, 1]:
+            return 0.0
+        slope = np.linalg.solve(square, table[kept].T @ aside[kept])
+        left = np.abs(aside - table @ slope)
+        usual = float(np.median(left[kept]))
+        kept &= left <= CLEAR * max(usual, 1e-12)
+    deviation = 1.4826 * usual * np.sqrt(np.linalg.inv(square)[0, 0])
+    return float(np.arctan(slope[0])) if abs(slope[0]) > max(SKEW, CLEAR * deviation) else 0.0

@@ -180,6 +180,27 @@ def test_a_heading_that_is_no_angle_is_refused(refusal):
     assert fault.key == "identify.columns.heading" and "2 atan2(z, w)" in fault.rule
 
 
+@pytest.mark.parametrize("skew", [0.12, -0.3])
+def test_a_heading_that_is_off_by_one_angle_throughout_is_refused(refusal, log_of, skew):
+    """A sensor mounted askew on a vehicle that turns to both sides.
+
+    What the reference point swings out by is no such angle, and a wild place shows none.
+    """
+    t = 0.02 * np.arange(1500)
+    v, w = 0.8 + 0.3 * np.sin(1.1 * t), 0.6 * np.cos(0.5 * t)
+    psi = 1.2 * np.sin(0.5 * t)
+    rate = np.stack([v * np.cos(psi) - 0.4 * w * np.sin(psi), v * np.sin(psi) + 0.4 * w * np.cos(psi)])
+    seen = np.stack([*np.cumsum(rate, axis=1) * 0.02, psi]).T
+    seen += np.random.default_rng(0).normal(size=seen.shape) * NOISE[:3]
+    rows, header = np.column_stack([t, seen, v, w]), HEADER[:4] + HEADER[6:]
+    rows[700, 1:3] += 30.0
+    log_of(rows, header=header)
+    rows[:, 3] -= skew
+    (fault,) = refusal(rows, header=header)
+    assert fault.key == "identify.columns.heading"
+    assert float(fault.rule.partition("add ")[2].split()[0]) == pytest.approx(skew, abs=0.02)
+
+
 def test_a_unit_of_another_kind_is_answered_with_those_of_its_own(refusal):
     (fault,) = refusal(circling(), {"heading": Column("heading", "quaternion")})
     assert (fault.key, fault.rule) == ("identify.columns.heading.unit", "one of rad, deg")
