@@ -228,6 +228,7 @@ def _skew(moved: np.ndarray, middle: np.ndarray, turned: np.ndarray) -> float:
     along = moved[:, 0] * np.cos(middle) + moved[:, 1] * np.sin(middle)
     aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
     table, kept = np.column_stack([along, turned]), np.abs(turned) < SHARP / 2
+    slope, square, usual = np.zeros(2), np.eye(2), 0.0
     for _ in range(3):  # the second column is what the reference point swings out by; without outliers
         square = table[kept].T @ table[kept]
         if kept.sum() < 2 * FEW or square[0, 1] ** 2 > TIED * square[0, 0] * square[1, 1]:
