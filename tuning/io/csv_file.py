@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from .numbers import real
 
 LARGEST_FILE = 500_000_000  # bytes of a log
 LARGEST = 1e30  # a cell that is larger stands for a value that is not there
+DATED = re.compile(r"\s*\d{1,4}[-/:]\d{1,2}[-/:]\d")  # 2030-01-31T12:00, 31/01/2030, 12:00:00
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
@@ -151,5 +153,6 @@ def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> flo
     if not np.abs(value) < LARGEST:
         rule = f"a finite number, in digits from 0 to 9 and below {LARGEST:g} in size"
         rule += "; a cell is left empty where nothing was measured" if blank else ""
+        rule += "; write a date, or a time of day, as seconds" if DATED.match(text) else ""
         raise ValueError(f"{file}, row {line}, column {name}: {text.strip()!r} must be {rule}")
     return value

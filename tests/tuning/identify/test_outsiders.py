@@ -294,6 +294,15 @@ def test_an_absurd_factor_and_a_wild_command_are_refused(refusal):
     assert fault.key == "identify.columns.acceleration" and "t = 1.4 s" in str(fault.value)
 
 
+@pytest.mark.parametrize("stamp", ["2030-01-31T12:00:00.02", "31/01/2030 12:00", "12:00:00.02"])
+def test_a_time_that_is_a_date_is_answered_with_what_to_write(tmp_path, stamp):
+    lines = Path(written(tmp_path / "log.csv", circling())).read_text().splitlines()
+    lines[2] = ",".join([stamp, *lines[2].split(",")[1:]])
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(agvjax.InputError, match="row 3, column t.* write a date, or a time of day, as seconds"):
+        load(str(tmp_path / "log.csv"), agvjax.Unicycle(), {})
+
+
 def test_seconds_and_nanoseconds_stand_in_two_columns(tmp_path, refusal, log_of):
     rows = circling()
     ns = np.round(rows[:, 0] * 1e9)
