@@ -81,11 +81,19 @@ def refusal(log_of):
 # ---- what a model lacks
 
 SKID = """
-[scenario]
-plant = { type = "differential_drive", drive = { type = "speed", gain = 40 }, mass = 500, inertia = 800, L = 0.05,
-          wheel_radius = 0.3, track = 1.9, friction = 0.0, viscous = 0.0 }
-deadzone.wheel_speed_left = { slope_right = 1.0, slope_left = 1.0, threshold_right = 0.1, threshold_left = 0.1 }
-deadzone.wheel_speed_right = { slope_right = 1.0, slope_left = 1.0, threshold_right = 0.1, threshold_left = 0.1 }
+[scenario.plant]
+type = "differential_drive"
+drive = { type = "speed", gain = 40 }
+mass = 500
+inertia = 800
+L = 0.05
+wheel_radius = 0.3
+track = 1.9
+friction = 0.0
+viscous = 0.0
+[scenario.deadzone]
+wheel_speed_left = { slope_right = 1.0, slope_left = 1.0, threshold_right = 0.1, threshold_left = 0.1 }
+wheel_speed_right = { slope_right = 1.0, slope_left = 1.0, threshold_right = 0.1, threshold_left = 0.1 }
 [identify]
 drives = 0
 fit = ["deadzone", "delay", "plant.track", "plant.drive.gain", "plant.inertia"]
