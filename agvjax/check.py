@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
-from .errors import Fault, InputError
+from .errors import Fault, InputError, told_apart
 from .integrate import Integrator
 from .leaves import cast, children, fits, metadata_of
 from .protocols import Law
@@ -17,6 +17,7 @@ from .scenario import Scenario
 from .timing import whole
 
 T = TypeVar("T")
+LARGEST = 1e30  # of a number in size: products of several larger ones are beyond what a computer holds
 COARSE = 0.01  # error of a mode beyond which a step is worth a word
 
 
@@ -46,6 +47,9 @@ def _broken(key: str, tree: PyTree, part: str) -> list[Fault]:
         return [Fault(key, f"shape {array.shape}", wanted, source)]
     if not np.all(np.isfinite(array)) or not np.all(rule.holds(array)):
         text = rule.text if "finite" in rule.text else f"finite and {rule.text}"
+        return [Fault(key, value if array.ndim == 0 else array.tolist(), text, source)]
+    if np.any(np.abs(array) > LARGEST):
+        text = f"{rule.text}, and at most {LARGEST:g} in size"
         return [Fault(key, value if array.ndim == 0 else array.tolist(), text, source)]
     least = field["above"]
     low = np.asarray(children(tree)[least] if least and not _broken(least, tree, least) else -np.inf)
@@ -80,7 +84,7 @@ def step_faults(
 def _unstable(part: str, poles: np.ndarray, dt: float, integrator: Integrator, source: str = "") -> list[Fault]:
     """A step of `dt` [s] that makes a part with these poles [1/s] diverge."""
     limit = integrator.stable_step(poles)
-    rule = f"at most {limit:.3g} s: beyond, {integrator.name} makes {part} diverge"
+    rule = f"at most {told_apart(limit, dt)} s: beyond, {integrator.name} makes {part} diverge"
     return [Fault("dt", dt, rule, source)] if dt > limit else []
 
 

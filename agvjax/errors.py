@@ -21,6 +21,15 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text)} characters)"
 
 
+def told_apart(bound: float, value: float) -> str:
+    """A bound that a value breaks, in as few digits, at least three, as a reader needs to see that."""
+    for digits in range(3, 17):
+        text = f"{bound:.{digits}g}"
+        if (float(text) > value) == (bound > value) and float(text) != value:
+            return text
+    return repr(float(bound))
+
+
 class Fault(NamedTuple):
     """One thing that is wrong: which key, what it holds, what it must be and why."""
 

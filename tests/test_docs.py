@@ -12,11 +12,13 @@ import pytest
 
 import agvjax
 from agvjax import Metrics, Sampled, Scenario, simulate
+from agvjax.leaves import unit_of
 from agvjax.metric_table import METRICS
 from commands import FAST, ROOT, run
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.compute import compiled
+from tuning.config.load import resolve as load_table
 from tuning.export import FORMATS
 from tuning.tune.rules import faults
 
@@ -144,3 +146,26 @@ def test_the_commands_of_the_recipes_run(quick, here):
         out = [] if "--out" in words else ["--out", f"{words[0]}-{len(list(here.iterdir()))}"]
         small = [x for text in SMALL[words[0]] for x in ("--set", text)]
         run([*words, *out, *small])
+
+
+def test_the_fields_of_plants_are_listed_with_their_units_and_defaults():
+    """And no number that a plant of the page has is left out."""
+    page = (ROOT / "docs/vehicles.md").read_text(encoding="utf-8")
+    body = page.split("| plant | field | unit | default |\n|---|---|---|---|\n")[1].split("\n\n")[0]
+    told, plants = {}, []
+    for row in body.splitlines():
+        which, fields, unit, default = (cell.strip() for cell in row.strip("|").split("|"))
+        plants = re.findall("`(.*?)`", which) or plants
+        values = default.split(", ")
+        for name, value in zip(re.findall("`([a-zA-Z_.]+)`", fields), values, strict=True):
+            told |= {(plant, name): (unit, float(value)) for plant in plants}
+    for plant in dict.fromkeys(plant for plant, _ in told):
+        table = {"type": plant} | ({"drive": "speed"} if plant == "differential_drive" else {})
+        scene = load_table({"scenario": {"plant": table}}).scenario
+        numbers = {n.removeprefix("plant."): x for n, x in agvjax.leaves(scene).items() if n.startswith("plant.")}
+        mine = {n for n, x in numbers.items() if not np.ndim(x) and not n.startswith(("tyre.", "limits.switch"))}
+        assert mine == {name for other, name in told if other == plant}, plant
+        for name in mine:
+            unit, default = told[plant, name]
+            assert unit_of(scene, f"plant.{name}") == unit, name
+            assert float(numbers[name]) == pytest.approx(default, rel=6e-4), name

@@ -18,7 +18,7 @@ class Chain(Element, Mapping[str, Element]):
     with the same names.
     """
 
-    def __init__(self, **parts: Element):
+    def __init__(self, /, **parts: Element):  # an element may be called self
         self._parts = parts
 
     def __getitem__(self, name: str) -> Element:

@@ -173,8 +173,8 @@ class Delay(Element):
 
     def faults(self, interval: float) -> list[Fault]:
         """It must remember every change of its input, one each `interval` [s]."""
-        slots = 1 + int(np.ceil((float(self.time) + float(self.jitter)) / interval - 1e-9))
-        rule = f"at least {slots}, to remember every change of its input, one each {interval:g} s"
+        slots = 1 + np.ceil((float(self.time) + float(self.jitter)) / interval - 1e-9)  # infinite of an absurd interval
+        rule = f"at least {slots:.15g}, to remember every change of its input, one each {interval:g} s"
         return [Fault("slots", self.slots, rule)] if self.slots < slots else []
 
     def deliver(self, flow: tuple[()], memory: DelayMemory, u: Array) -> tuple[Array, tuple[()]]:

@@ -6,6 +6,7 @@ import pytest
 
 import agvjax
 from agvjax import EULER, RK4, InputError, NeuroBackstepping, Scenario, check, faults, replace, step_faults
+from agvjax.errors import told_apart
 from agvjax.readings import LiteralFilter
 
 
@@ -43,12 +44,27 @@ def test_problems_name_every_bad_leaf():
         (agvjax.DifferentialDrive(road_slope=0.0), r"road_slope = shape (): must be an array of shape (2,)"),
         (agvjax.Cosine(amplitude=[0.1, 0.2]), r"amplitude = shape (2,): must be a number or an array of shape (3,)"),
         (agvjax.Start(heading=1j), "heading = 1j: must be a number, finite"),
+        (agvjax.Harmonic(omega=1e31), "omega = 1e+31: must be >= 0, and at most 1e+30 in size"),
+        (NeuroBackstepping(zeta=1e308), "zeta = 1e+308: must be > 0, and at most 1e+30 in size"),
         (agvjax.Start(position=[[0.0], [1.0, 2.0]]), "position = [[0.0], [1.0, 2.0]]: must be an array of shape (2,)"),
     ],
 )
 def test_limits_the_wrong_way_round_and_wrong_shapes_are_named(part, said):
     (fault,) = faults(part)
     assert str(fault).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "text"),
+    [
+        (0.02, 0.01, "0.02"),
+        (0.00100004, 0.001, "0.00100004"),
+        (2 / 3, 0.667, "0.6667"),
+        (1 + 2**-52, 1.0, "1.0000000000000002"),
+    ],
+)
+def test_a_bound_is_told_from_the_value_that_breaks_it(bound, value, text):
+    assert told_apart(bound, value) == text
 
 
 def test_lists_of_numbers_are_as_good_as_arrays():

@@ -68,7 +68,24 @@ def finite(answer: Answer) -> str:
     return ""
 
 
-RULES: list[Callable[[Answer], str]] = [ends, no_traceback, nothing_left, names_what_is_wrong, short, finite]
+def comes_back(answer: Answer) -> str:
+    """What a run says it was given is read again, and written to the same."""
+    path = answer.folder / "out" / "config.toml"
+    if answer.code not in (0, 1) or not path.exists() or "out/config.toml" in answer.before:
+        return ""
+    text = path.read_text()
+    return "" if config.dump(config.load([str(path)])) == text else "config.toml is read to something else"
+
+
+RULES: list[Callable[[Answer], str]] = [
+    ends,
+    no_traceback,
+    nothing_left,
+    names_what_is_wrong,
+    short,
+    finite,
+    comes_back,
+]
 
 
 def broken(answer: Answer) -> list[str]:

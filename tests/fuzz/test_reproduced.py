@@ -3,6 +3,9 @@
 import contextlib
 import io
 import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import jax
@@ -52,3 +55,11 @@ def test_what_broke_a_rule_once_breaks_none_now(case, tmp_path, monkeypatch):
     with contextlib.redirect_stderr(said):
         code = main(argv)
     assert broken(Answer(code, said.getvalue(), before, Path(os.getcwd()))) == []
+
+
+def test_fifty_inputs_break_no_rule():
+    """Of a seed that changes from day to day; `make fuzz` takes more."""
+    program, seed = str(Path(__file__).parent), str(int(time.time() // 86400) * 1000)
+    argv = [sys.executable, program, "--seed", seed, "--count", "50", "--seconds", "240"]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stdout[-8000:] + done.stderr[-2000:]

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 
 import jax
+import numpy as np
 
 import agvjax
 from agvjax import Fault, InputError
@@ -19,6 +20,8 @@ from ..config.rules import Rules, faults
 from ..config.settings import Config
 from ..tune.methods import method
 from .console import Console, RunFailed
+
+BLUR = 0.01  # of a step, by which times may be rounded without a word
 
 
 def overrides(arguments: argparse.Namespace) -> list[str]:
@@ -109,7 +112,23 @@ def warn(console: Console, config: Config, *sections: str, moving: Sequence[Movi
         timing = config.timing(name)
         for text in agvjax.step_warnings(config.controller, timing.dt, timing.integrator):
             console.note(f"{name}.{text}")
+        if blur := blurred_clock(config, name):
+            console.note(blur)
     for text in agvjax.path_warnings(config.scenario, config.simulate.horizon):
         console.note(f"the path cannot be followed exactly: {text}")
     for text in whereabouts.notes(config, moving):
         console.note(text)
+
+
+def blurred_clock(config: Config, section: str) -> str:
+    """Of a run so long that single precision rounds its time by a part of a step that is felt; empty for others.
+
+    The reference is then late or early by as much at every step, differently, and the commands follow it.
+    """
+    horizon, dt = config.simulate.horizon, config.timing(section).dt
+    if config.precision == 64 or (apart := float(np.spacing(np.float32(horizon)))) < BLUR * dt:
+        return ""
+    return (
+        f"in 32 bits (precision) times are {apart:.2g} s apart at the end of a run of {horizon:g} s (simulate.horizon),"
+        f" {apart / dt:.0%} of {section}.dt: chatter and variation come out too large; --precision 64 has no such limit"
+    )

@@ -9,8 +9,8 @@ import numpy as np
 
 import agvjax
 
-from ..io.csv_file import names, read
-from .spellings import Toml, numbers
+from ..io.csv_file import UNITS, Column, names, read
+from .spellings import Toml, column, numbers
 
 
 class Recipe(NamedTuple):
@@ -27,19 +27,25 @@ class Recipe(NamedTuple):
 
     def unread(self, table: Mapping[str, Toml]) -> str:
         """The columns of its file that say nothing; empty where there are none."""
-        unread = [name for name in names(table["file"]) if name not in self.columns] if "file" in table else []
-        return f"{table['file']}: {', '.join(unread)} not read; {self.hint}" if unread else ""
+        if "file" not in table:
+            return ""
+        taken, there = [place.column for place in _places(table, self.columns).values()], names(table["file"])
+        unread = [name for name in there if name not in (*taken, *table.get("columns", {}))]
+        hint = f"; {self.hint}" if set(taken) - set(there) else ""
+        return f"{table['file']}: {', '.join(unread)} not read{hint}" if unread else ""
 
 
 def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
-    """From `file` or `points`, `closed`, and `speed` where the points bring none."""
+    """From `file` and its `columns`, or `points`; `closed`, and `speed` where the points bring none."""
     closed = table.get("closed", False)
     if not isinstance(closed, bool):
         _wrong("closed", closed, "true or false")
     source = _source(table, "points")
     if source == "file":
-        columns = _file(table["file"], ("x", "y"), ("speed",))
+        columns = _file(table, ("x", "y"), ("speed",))
         points, speed = np.column_stack([columns["x"], columns["y"]]), columns.get("speed")
+        if closed and len(points) > 3 and np.array_equal(points[0], points[-1]):  # as racing lines are written
+            points, speed = points[:-1], None if speed is None else speed[:-1]
     else:
         rule = "a list of [x, y] in m, or of [x, y, speed]"
         rows = _array(table, "points", rule)
@@ -58,11 +64,11 @@ def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
 
 
 def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
-    """From `file`, or `times` and `values`; and `amplitude`, a factor."""
+    """From `file` and its `columns`, or `times` and `values`; and `amplitude`, a factor."""
     if _source(table, "times") == "file":
         if "values" in table:
             _wrong("values", table["values"], "absent where there is a file")
-        columns = _file(table["file"], ("t",), CHANNELS)
+        columns = _file(table, ("t",), CHANNELS)
         if len(columns) == 1:
             _wrong("file", table["file"], f"a file with at least one of the columns {', '.join(CHANNELS)}")
         times = columns["t"]
@@ -82,14 +88,15 @@ def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
 CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
 RECIPES: dict[type, Recipe] = {
     agvjax.Waypoints: Recipe(
-        ("file", "points", "speed", "closed"),
+        ("file", "columns", "points", "speed", "closed"),
         _waypoints,
         lambda path: {"points": np.asarray(path.points).tolist(), "closed": path.closed},
         ("x", "y", "speed"),
-        "a column speed [m/s] would be, without one scenario.path.speed holds, 1 m/s where it is not set",
+        "a column speed [m/s], or the one that scenario.path.columns names, would be; without one"
+        " scenario.path.speed holds, 1 m/s where it is not set",
     ),
     agvjax.Recorded: Recipe(
-        ("file", "times", "values", "amplitude"),
+        ("file", "columns", "times", "values", "amplitude"),
         _recorded,
         lambda push: {name: np.asarray(value).tolist() for name, value in vars(push).items()},
         ("t", *CHANNELS),
@@ -98,23 +105,68 @@ RECIPES: dict[type, Recipe] = {
 }
 
 
+KINDS = {
+    "t": "s ms us ns",
+    "x": "m cm mm",
+    "y": "m cm mm",
+    "speed": "m/s mm/s km/h",
+}  # units; of a disturbance SI alone
+
+
 def _source(table: Mapping[str, Toml], inline: str) -> str:
     """Which of the two ways the numbers are given."""
     if "file" in table and inline in table:
         _wrong(inline, table[inline], "absent where there is a file")
     if "file" not in table and inline not in table:
         _wrong("file", "", f"the name of a CSV file, where there are no {inline}")
+    if "file" not in table and "columns" in table:
+        _wrong("columns", table["columns"], "absent where there is no file")
     return "file" if "file" in table else inline
 
 
-def _file(name: Toml, columns: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
-    if not isinstance(name, str):
-        _wrong("file", name, "the name of a file")
+def _file(table: Mapping[str, Toml], needed: Sequence[str], optional: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns of the table's file, by our names and in SI units."""
+    file = table["file"]
+    if not isinstance(file, str):
+        _wrong("file", file, "the name of a file")
+    where = _places(table, (*needed, *optional))
+    asked = [name for name in (*needed, *optional) if name in needed or name in table.get("columns", {})]
+    for name in needed:
+        if name not in where:
+            _wrong(f"columns.{name}", "", "the name of a column: the file needs it")
+    must, may = ([where[n].column for n in names if n in where] for names in (asked, optional))
+    time = where.get("t", Column(""))
     try:
-        return read(name, columns, optional)
+        found = read(file, must, may, time=time.column, nanoseconds=time.nanoseconds)
     except ValueError as error:
         also = f" and perhaps {', '.join(optional)}"
-        _wrong("file", name, f"a CSV file with the columns {', '.join(columns)}{also} ({error})")
+        rule = f"a CSV file with the columns {', '.join(needed)}{also}, or others named in columns = "
+        rule += f'{{ {needed[0]} = "its name" }} ({error})'
+        _wrong("file", file, rule)
+    return {n: found[p.column] * UNITS.get(p.unit, 1.0) * p.factor for n, p in where.items() if p.column in found}
+
+
+def _places(table: Mapping[str, Toml], known: Sequence[str]) -> dict[str, Column]:
+    """Where each name stands in the table's file: by its own name, unless `columns` says another or that it is none."""
+    given = table.get("columns", {})
+    if not isinstance(given, Mapping):
+        _wrong("columns", given, 'a table of columns by name, as in { x = "x_m" }')
+    where = {}
+    for name, value in given.items():
+        if name not in known:
+            _wrong(f"columns.{name}", value, f"one of {', '.join(known)}")
+        try:
+            where[name] = column(value, name)
+        except ValueError as error:
+            _wrong(f"columns.{name}", value, str(error))
+        if where[name].nanoseconds and name != "t":
+            _wrong(f"columns.{name}.nanoseconds", where[name].nanoseconds, "left out but for t")
+        units = KINDS.get(name, "").split() if known[0] != "t" or name == "t" else []
+        if where[name].unit and where[name].unit not in units:
+            _wrong(f"columns.{name}.unit", where[name].unit, f"one of {', '.join(units)}" if units else "absent")
+    taken = {place.column for place in where.values()}
+    where = {name: where.get(name, Column("" if name in taken else name)) for name in known}
+    return {name: place for name, place in where.items() if place.column}
 
 
 def _array(table: Mapping[str, Toml], name: str, rule: str) -> np.ndarray:

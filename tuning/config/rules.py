@@ -9,6 +9,7 @@ import numpy as np
 
 import agvjax
 from agvjax import Fault, InputError
+from agvjax.errors import told_apart
 from agvjax.protocols import Element
 from agvjax.timing import whole
 
@@ -117,11 +118,12 @@ def timing_faults(config: Config, label: str) -> list[Fault]:
     """A step of "simulate", "tune" or "sweep" that does not suit the law, the actuators, the horizon or the control."""
     section, simulate, key = getattr(config, label), config.simulate, f"{label}.dt"
     dt, horizon = section.dt, simulate.horizon
+    if dt > 0 and horizon / dt > MOST_STEPS:
+        least = told_apart(horizon / MOST_STEPS, dt)
+        return [Fault(key, dt, f"at least {least} s: at most {MOST_STEPS:.0g} steps")]
     if wrong := step_faults(config, label):
         return wrong
     steps, interval = horizon / dt, simulate.control_every * simulate.dt
-    if steps > MOST_STEPS:
-        return [Fault(key, dt, f"at least {horizon / MOST_STEPS:.3g} s: at most {MOST_STEPS:.0g} steps")]
     if not whole(steps):
         return [Fault(key, dt, f"a whole fraction of the horizon, {horizon:g} s")]
     if simulate.control_every > 1 and not whole(interval / dt):

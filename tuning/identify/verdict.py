@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..config.settings import Identify
-from .fit import WORTH, Fit, Task, fit, information, refitted
+from .fit import SETTLED, WORTH, Fit, Task, fit, information, refitted
 from .log import moved
+from .model import compiled
 from .parameters import OMEGA, Parameter, sinusoidal, values, widths
 
 Z95 = 1.959964  # of a normal distribution
@@ -18,7 +19,11 @@ SHARPER = 0.5  # of the width of what is believed without the log
 FELT = 3.0  # standard deviations that its size, or what is believed of it, must change the log by to be excited
 CHECKED = "the same drive with the unit and sign of the commands, and the model, checked"
 NEAR = 1e-3  # of where a parameter was looked for: at its edge
+DIFFER = "where the vehicle goes says {:.3g}, how it turns {:.3g}: the model lacks something, which bends this"
+MENDED = "the model mended: fit more (--fit), or another kind of vehicle"
 STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
+TURNING = ("heading", "yaw_rate", "steering_angle")  # measurements of how a vehicle turns, not of where it goes
+DISAGREE = 3.5  # deviations of their difference, beyond which what these two say of a number is no chance
 ALIKE = 0.8  # correlation from which two parameters are named together
 
 
@@ -71,8 +76,8 @@ def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     slope = fit.sums.slope.sum(axis=0) + (fit.p - values(parameters)) / widths(parameters) ** 2
     step = -np.diag(covariance) * slope  # of each alone, where nothing stands in its way
     numbers = zip(deviation, bootstrapped, felt, step, correlation, strict=True)
-    estimates = (_estimate(fit, i, *row) for i, row in enumerate(numbers))
-    return FitVerdict(tuple(estimates), correlation, _white(fit))
+    estimates = [_estimate(fit, i, *row) for i, row in enumerate(numbers)]
+    return FitVerdict(tuple(_agreed(fit, estimates, draws, seed)), correlation, _white(fit))
 
 
 def settled(
@@ -189,6 +194,43 @@ def _edge(q: Parameter, value: float, half: float, push: float) -> str:
     return ""
 
 
+def _agreed(fit: Fit, estimates: Sequence[Estimate], draws: int, seed: int) -> list[Estimate]:
+    """Numbers are none on which where the vehicle goes and how it turns disagree, by more than is negligible.
+
+    What a model lacks in one of them bends what it shares with the other, and no interval counts that. All numbers of
+    the kind are doubted: the delays of all actuators.
+    """
+    turning = np.array([name in TURNING for name in fit.model.channels])
+    (p, deviation), (q, other) = (_told_by(fit, channels, draws, seed) for channels in (~turning, turning))
+    apart = np.abs(p - q)
+    least = np.array([max(PRECISE * abs(e.value), 2 * x.floor) for e, x in zip(estimates, fit.parameters, strict=True)])
+    clear = fit.free & (apart > DISAGREE * np.hypot(deviation, other)) & (apart > 2 * least)
+    doubted = {e.name.rpartition(".")[2] for e, far in zip(estimates, clear, strict=True) if far}
+    return [
+        e._replace(identified=False, reason=DIFFER.format(p[i], q[i]), drive=MENDED)
+        if e.identified and e.name.rpartition(".")[2] in doubted
+        else e
+        for i, e in enumerate(estimates)
+    ]
+
+
+def _told_by(fit: Fit, channels: np.ndarray, draws: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (P,) by some of the measurements alone, one Gauss-Newton step from the fit, and their deviations."""
+    function, free = compiled(fit.model), fit.free
+    segments = fit.segments._replace(weight=fit.segments.weight * channels)
+    sums = fit.sums
+    for _ in range(SETTLED):
+        sums = function(fit.p, sums.states, segments)
+    part = fit._replace(sums=sums, segments=segments)
+    place = np.ix_(free, free)
+    covariance = inverse(information(sums, fit.parameters)[place])
+    slope = sums.slope.sum(axis=0) + (fit.p - values(fit.parameters)) / widths(fit.parameters) ** 2
+    p, deviation = fit.p.copy(), bootstrap(part, draws, seed)
+    p[free] -= covariance @ slope[free]
+    deviation[free] = np.maximum(deviation[free], np.sqrt(np.diag(covariance)))
+    return p, deviation
+
+
 def advice(name: str) -> str:
     """What drive would tell a parameter."""
     head, _, last = name.rpartition(".")
@@ -207,12 +249,14 @@ def advice(name: str) -> str:
 
 
 def _white(fit: Fit) -> dict[str, float]:
-    """What is left, row by row: correlation with the row before."""
+    """What is left, measurement by measurement: correlation with the one before."""
     correlations, kept = {}, fit.segments.weight > 0
     for c, name in enumerate(fit.model.channels):
-        left = np.where(kept[..., c], fit.sums.residual[..., c], 0.0)
-        both = kept[:, 1:, c] & kept[:, :-1, c]
-        square = (left**2).sum() / max(kept[..., c].sum(), 1)
-        product = (left[:, 1:] * left[:, :-1] * both).sum() / max(both.sum(), 1)
-        correlations[name] = float(product / max(square, 1e-30))
+        after, squares = [], []
+        for left, there in zip(fit.sums.residual[..., c], kept[..., c], strict=True):
+            row = left[there]  # of a channel that is measured less often than others too
+            after.append(row[1:] * row[:-1])
+            squares.append(row**2)
+        product, square = (np.concatenate(x) for x in (after, squares))
+        correlations[name] = float((product.mean() if product.size else 0.0) / max(square.mean(), 1e-30))
     return correlations

@@ -1,8 +1,9 @@
-"""CSV files with a header."""
+"""Files of columns with a header: separated by commas, semicolons, tabs or spaces, with comments behind a #."""
 
 from __future__ import annotations
 
 import csv
+import datetime
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,8 @@ from .numbers import real
 
 LARGEST_FILE = 500_000_000  # bytes of a log
 LARGEST = 1e30  # a cell that is larger stands for a value that is not there
-DATED = re.compile(r"\s*\d{1,4}[-/:]\d{1,2}[-/:]\d")  # 2030-01-31T12:00, 31/01/2030, 12:00:00
+COMMENT = "#"  # what begins a line that is none of the rows; before the first row the last such line may be the header
+SEPARATORS = ",;\t"  # the first of them that the header has; without one, columns are separated by spaces
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
@@ -45,7 +47,10 @@ def read(
     blank: Sequence[str] = (),
     nanoseconds: str | None = None,
 ) -> dict[str, np.ndarray]:
-    """Columns of a CSV file by the names in its first row; the other columns are not looked at.
+    """Columns of a CSV file by the names in its header; the other columns are not looked at.
+
+    The header is the first row, or the last of the comments before rows that are numbers alone. Times may be dates with
+    a time of day (ISO 8601), which are read as seconds since 1970.
 
     Args:
         file: the CSV file.
@@ -74,7 +79,10 @@ def read(
     table = {}
     for name in wanted:
         at, empty = header.index(name), name in blank
-        table[name] = np.array([_cell(file, line, name, cells[at], empty) for line, cells in rows[1:]])
+        values = _stamps(file, rows, at) if name == time else None
+        if values is None:
+            values = np.array([_cell(file, line, name, cells[at], empty) for line, cells in rows[1:]])
+        table[name] = values
     if nanoseconds:
         table[time] = table[time] + 1e-9 * _within_a_second(file, rows, nanoseconds, table[nanoseconds])
     if time in table:
@@ -92,17 +100,38 @@ def _within_a_second(file: str | Path, rows: list[tuple[int, list[str]]], name: 
     return values
 
 
+def _stamps(file: str | Path, rows: list[tuple[int, list[str]]], at: int) -> np.ndarray | None:
+    """Dates with a time of day, as seconds since 1970, UTC where they say no zone; None of a column of numbers.
+
+    Raises:
+        ValueError: dates or times of day alone, or of another spelling than ISO 8601.
+    """
+    name, first = rows[0][1][at].strip(), rows[1][1][at].strip()
+    if not re.search(r"\d[-/:.]\d+[-/:]", first):
+        return None
+    rule = "seconds, or a date with a time of day as in 2025-11-28T09:30:00.25Z"
+    rule += "; where they stand in two columns, make one of them"
+    instants = []
+    for line, cells in rows[1:]:
+        text = cells[at].strip()
+        try:
+            whole = datetime.datetime.fromisoformat(text) if len(text) > 10 else None
+        except ValueError:
+            whole = None
+        if whole is None:
+            raise ValueError(f"{file}, row {line}, column {name}: {text!r} must be {rule}")
+        instants.append((whole if whole.tzinfo else whole.replace(tzinfo=datetime.UTC)).timestamp())
+    return np.array(instants)
+
+
 def names(file: str | Path) -> list[str]:
-    """The names in the first row of a CSV file; raises as `read`."""
+    """The names in the header of a CSV file; raises as `read`."""
     return [name.strip() for name in _rows(file, ())[0][1]]
 
 
 def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optional: Sequence[str]) -> list[str]:
     """The columns to read, each of which must stand in the header once."""
     missing = [name for name in columns if name not in header]
-    if missing and len(header) == 1 and (other := next((c for c in ";\t" if c in header[0]), "")):
-        name = {";": "semicolons", "\t": "tabs"}[other]
-        raise ValueError(f"{file} must have its columns separated by commas; they seem to be by {name}")
     if missing:
         raise ValueError(f"{file} has no column {', '.join(missing)}; its first row has {', '.join(header)}")
     wanted = [name for name in (*columns, *optional) if name in header]
@@ -133,14 +162,43 @@ def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]
         raise ValueError(f"{file} cannot be read: {reason}") from error
     if "\0" in text:
         raise ValueError(f"{file} is no text file")
-    reader = csv.reader(text.splitlines())
     try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+        rows = _split(text)
     except csv.Error as error:
-        raise ValueError(f"{file}, row {reader.line_num}: {error}") from error
+        raise ValueError(f"{file}: {error}") from error
     if not rows:
         raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
     return rows
+
+
+def _split(text: str) -> list[tuple[int, list[str]]]:
+    """The header and the rows below it, each with its line number and its cells; none of a file without any."""
+    lines, comments = [], []  # with their numbers; the comments are those before the first row
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.lstrip().startswith(COMMENT):
+            comments += [] if lines else [(number, line.lstrip().lstrip(COMMENT))]
+        elif line.strip(SEPARATORS + " "):
+            lines.append((number, line))
+    rows = _cells(lines)
+    header = _cells(comments[-1:])
+    return header + rows if rows and not any(map(_word, rows[0][1])) else rows
+
+
+def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+    """What stands between the separators that the first of the lines has; quotes keep one that belongs to a cell."""
+    if not lines:
+        return []
+    mark = max(SEPARATORS, key=lines[0][1].count)
+    spaces = mark not in lines[0][1]
+    texts = [line.strip() if spaces else line for _, line in lines]
+    reader = csv.reader(texts, delimiter=" " if spaces else mark, skipinitialspace=spaces)
+    return [(lines[reader.line_num - 1][0], row) for row in reader if any(cell.strip() for cell in row)]
+
+
+def _word(cell: str) -> bool:
+    """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf."""
+    start = cell.strip().lstrip("_")[:1]
+    return start.isalpha() and cell.strip().lower() not in ("nan", "inf", "infinity")
 
 
 def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:
@@ -153,6 +211,5 @@ def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> flo
     if not np.abs(value) < LARGEST:
         rule = f"a finite number, in digits from 0 to 9 and below {LARGEST:g} in size"
         rule += "; a cell is left empty where nothing was measured" if blank else ""
-        rule += "; write a date, or a time of day, as seconds" if DATED.match(text) else ""
         raise ValueError(f"{file}, row {line}, column {name}: {text.strip()!r} must be {rule}")
     return value

@@ -129,6 +129,11 @@ def test_a_chain_runs_in_its_order_and_keeps_it():
     assert changed.actuators["acceleration"]["saturation"].upper == 2.0
 
 
+def test_an_element_may_have_any_name():
+    chain = Chain(self=Saturation(), parts=Delay())
+    assert list(chain) == list(jax.tree.map(lambda x: x, chain)) == ["self", "parts"]
+
+
 def test_the_deadzone_comes_before_the_chain():
     stop = Chain(saturation=Saturation(upper=1.0, lower=-1.0))
     t, out, _ = delivered(stop, Played(amplitude=3.0), threshold_right=0.5)

@@ -290,6 +290,28 @@ def test_columns_are_read_by_name(tmp_path):
     np.testing.assert_array_equal(found["y"], [2, 4])
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# x,y\n1,2\n3,4\n",
+        "# 3b5f\n# of today\n# s_m; x; y\n0.0; 1; 2\n# half way\n2.8; 3; 4\n",
+        "# made by hand, in m\nx\ty\n1\t2\n3\t4\n",
+        "#x y\n 1   2\n 3   4 \n",
+        "x, y\n1, 2\n3, 4\n",
+        'x;"y"\n1;"2"\n;\n3;4\n',
+    ],
+)
+def test_separators_and_comments_are_understood(text, tmp_path):
+    found = read(written(tmp_path, text), ("x", "y"))
+    np.testing.assert_array_equal([found["x"], found["y"]], [[1, 3], [2, 4]])
+
+
+def test_stamps_with_a_date_are_seconds(tmp_path):
+    stamps = ["2025-11-28T23:59:59.75Z", "2025-11-29T01:00:00.25+01:00", "2025-11-29 00:00:01"]
+    text = "t,x\n" + "".join(f"{stamp},0\n" for stamp in stamps)
+    np.testing.assert_allclose(np.diff(read(written(tmp_path, text), ("t", "x"))["t"]), [0.5, 0.75], atol=1e-6)
+
+
 BAD_FILES = {
     "empty": ("", "is empty; its first row must name the columns t"),
     "blank": (" \n\n", "is empty"),
@@ -299,7 +321,13 @@ BAD_FILES = {
     "one": ("t,x\n0,1\n", "at least 2 rows below its header; it has 1"),
     "column": ("time,x\n0,1\n1,1\n", "has no column t; its first row has time, x"),
     "numbers": ("0,1\n1,2\n2,3\n", "has no column t; its first row has 0, 1"),
-    "semicolons": ("t;x\n0;1\n1;2\n", "separated by commas; they seem to be by semicolons"),
+    "decimal commas": ("t;x\n0,5;1\n1,5;2\n", "row 2, column t: '0,5' must be a finite number"),
+    "date alone": (
+        "t,x\n2025-11-28,1\n2025-11-29,2\n",
+        "row 2, column t: '2025-11-28' must be seconds, or a date",
+    ),
+    "time of day alone": ("t,x\n09:30:00.5,1\n09:30:01,2\n", "where they stand in two columns, make one of them"),
+    "date that there is none": ("t,x\n2025-02-30T00:00:00,1\n1,2\n", "'2025-02-30T00:00:00' must be seconds, or a"),
     "twice": ("t,x,x\n0,1,1\n1,1,1\n", "more than one column x"),
     "text": ("t,x\n0,1\n1,fast\n", "row 3, column x: 'fast' must be a finite number"),
     "gap": ("t,x\n0,1\n\n1,\n", "row 4, column x: '' must be a finite number"),
@@ -357,6 +385,49 @@ def test_a_track_from_a_file_is_kept_with_its_numbers(tmp_path):
     np.testing.assert_array_equal(path.points, rows)
     assert path.closed is True
     np.testing.assert_array_equal(path.coefficients, Waypoints.through(BENT, rows[:, 2], True).coefficients)
+
+
+RACELINE = "# 3b5f\n# s_m; x_m; y_m; vx_kmh\n"
+
+
+def test_a_racing_line_is_read_by_the_names_of_its_columns(tmp_path):
+    rows = np.column_stack([around(8), np.linspace(3.6, 7.2, 8)])
+    text = RACELINE + "".join(f"0;{100 * x!r};{y!r};{v!r}\n" for x, y, v in [*rows.tolist(), rows[0].tolist()])
+    columns = {"x": {"column": "x_m", "unit": "cm"}, "y": "y_m", "speed": {"column": "vx_kmh", "unit": "km/h"}}
+    table = {"type": "waypoints", "file": written(tmp_path, text), "columns": columns, "closed": True}
+    with pytest.warns(UserWarning, match="s_m not read$"):
+        path = resolved(path=table).path  # that ends where it begins
+    np.testing.assert_allclose(path.points, rows * [1, 1, 1 / 3.6], rtol=1e-12)
+    del columns["speed"]
+    with pytest.warns(UserWarning, match="s_m, vx_kmh not read; a column speed"):
+        np.testing.assert_array_equal(resolved(path=table).path.points[:, 2], 1.0)
+
+
+def test_a_record_is_read_by_the_names_of_its_columns(tmp_path):
+    name = written(tmp_path, "ms,push,x\n0,1,5\n500,-1,5\n")
+    columns = {"t": {"column": "ms", "unit": "ms"}, "y": {"column": "push", "factor": -2}, "x": ""}
+    push = resolved(disturbance={"type": "recorded", "file": name, "columns": columns}).disturbance
+    np.testing.assert_array_equal(push.times, [0, 0.5])
+    np.testing.assert_array_equal(push.values, [[0, -2, 0], [0, 2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("columns", "key", "said"),
+    [
+        ({"x": "x_m", "z": "y_m"}, "columns.z", "one of x, y, speed"),
+        ({"x": 3}, "columns.x", '"the name of a column"'),
+        ({"x": {"column": "x_m", "unit": "s"}, "y": "y_m"}, "columns.x.unit", "one of m, cm, mm"),
+        ({"x": {"column": "x_m", "nanoseconds": "y_m"}}, "columns.x.nanoseconds", "left out but for t"),
+        ({"x": "", "y": "y_m"}, "columns.x", "the name of a column"),
+        ({"x": "x_m", "y": "y_m", "speed": "v"}, "file", "has no column v; its first row has s_m, x_m, y_m, vx_kmh"),
+        ({}, "file", 'or others named in columns = { x = "its name" }'),
+        ("x_m", "columns", "a table of columns by name"),
+    ],
+)
+def test_columns_that_are_none_are_named_with_their_key(columns, key, said, tmp_path):
+    name = written(tmp_path, RACELINE + "0;1;2;1\n0;2;3;1\n")
+    found = wrong({"path": {"type": "waypoints", "file": name, "columns": columns}})
+    assert f"scenario.path.{key} = " in found and said in found
 
 
 def test_a_track_in_place():

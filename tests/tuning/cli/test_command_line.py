@@ -17,6 +17,7 @@ import agvjax
 from commands import FAST, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
+from tuning.compute import memory
 from tuning.config.load import _override
 
 TUNE = [*FAST, *SHORT_TUNE, "tune.clip=1", "tune.iterations=1500", "tune.patience=2000", "ensemble.size=8"]
@@ -142,7 +143,7 @@ def test_later_settings_win_and_options_beat_them_all(tmp_path):
 def test_a_simulation_that_diverges_exits_with_1_and_is_written(tmp_path):
     out = tmp_path / "out"
     _, err = run(arguments("simulate", out, [*FAST, "scenario.limit=0.1"]), code=1)
-    assert "diverged" in err and str(out) in err
+    assert "diverged" in err and str(out) in err and "scenario.limit = 0.1" in err
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["ok"] is False and metrics["rmse"] == {"x": None, "y": None, "heading": None}
     assert (out / "trajectory.npz").exists()
@@ -385,6 +386,40 @@ BAD_SWEEP = {
 def test_a_bad_sweep_is_named_with_its_value_and_rule(which, refused, tmp_path):
     options, words = BAD_SWEEP[which]
     refused(["sweep", "--out", str(tmp_path / "out"), *options], *words)
+
+
+LITTLE = ["--set", "simulate.horizon=1", "--over", "start.heading=0:1:2", "--quiet"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("setting", "word"), [("sweep.fails.rmse_late_x=1.5", "rmse_late_x"), ("scenario.limit=0.1",) * 2]
+)
+def test_what_only_the_nominal_run_shows_leaves_nothing_either(setting, word, refused, tmp_path):
+    refused(["sweep", "--set", setting, *LITTLE, "--out", str(tmp_path / "out")], word.partition("=")[0])
+
+
+@pytest.mark.parametrize(
+    ("argv", "word"),
+    [
+        ("simulate --set simulate.horizon=10000 --set simulate.dt=0.0001", "simulate.save_every"),
+        ("sweep --design latin --samples 1000000000 --over start.heading=0:1", "sweep.samples"),
+    ],
+)
+def test_what_no_memory_holds_leaves_nothing_either(argv, word, refused, tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "memory", lambda: 4e9)
+    refused([*argv.split(), "--quiet", "--out", str(tmp_path / "out")], word, "GB")
+
+
+def test_memory_is_asked_before_the_run(refused, tmp_path, monkeypatch):
+    """One sample of a run has more than 20 and fewer than 60 numbers of 8 bytes."""
+    kept, argv = 8 * 100_000, ["simulate", "--set", "simulate.horizon=100", "--set", "simulate.dt=0.001"]
+    monkeypatch.setattr(agvjax, "simulate", lambda *_, **__: pytest.fail("it was run"))
+    monkeypatch.setattr(memory, "memory", lambda: 20 * kept)
+    refused([*argv, "--out", str(tmp_path / "out")], "simulate.save_every = 1: must be larger", "GB")
+    monkeypatch.setattr(memory, "memory", lambda: 60 * kept)
+    with pytest.raises(pytest.fail.Exception, match="it was run"):
+        cli.main([*argv, "--out", str(tmp_path / "other"), "--quiet"])
 
 
 def test_a_vehicle_of_no_sweep_is_refused(refused, tmp_path):

@@ -14,6 +14,7 @@ from agvjax import InputError, Scenario, Unicycle
 from tuning import Between, Config, Distribution, OneOf, Simulate, Span, Times, pose, run_sweep
 from tuning.config import check, dump, load
 from tuning.config.load import resolve
+from tuning.config.rules import timing_faults
 from tuning.config.settings import Bound, Ensemble, Identify, Limit, Pareto, Search, Sweep, Tune, Weights
 from tuning.ensemble.draws import Correlation
 from tuning.io.csv_file import Column
@@ -151,6 +152,14 @@ def test_a_step_that_does_not_divide_the_control_interval_is_refused():
     config = check(Config(simulate=Simulate(control_every=20), tune=Tune(dt=5e-3), sweep=Sweep(dt=1e-2)))
     assert [config.timing(name).control_every for name in ("simulate", "tune", "sweep")] == [20, 4, 2]
     assert Config().timing("sweep").control_every == 1
+
+
+def test_too_small_a_step_is_named_with_the_step_that_would_do():
+    chain = {"position": agvjax.Chain(delay=agvjax.Delay(time=0.01))}
+    scenario = agvjax.Scenario(actuators=chain)
+    for dt, horizon, rule in ((5e-324, 12.0, "at least 1.2e-07 s"), (1e-3, 100_004.0, "at least 0.00100004 s")):
+        (fault,) = timing_faults(Config(simulate=Simulate(dt=dt, horizon=horizon), scenario=scenario), "simulate")
+        assert fault.key == "simulate.dt" and fault.rule.startswith(rule)
 
 
 def test_a_sweep_keeps_the_control_interval_of_the_runs(tmp_path):

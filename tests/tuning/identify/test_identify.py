@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import datetime
 import functools
 import json
 import subprocess
@@ -370,10 +371,23 @@ def test_axes_of_another_convention_are_noticed(good, refused, order, sign, word
     assert words in refused(rows)
 
 
-def test_a_file_of_another_separator_is_named(good, tmp_path, refused):
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+def test_a_log_of_another_separator_is_read(good, tmp_path, separator):
     file = Path(written(tmp_path / "log.csv", good))
-    file.write_text(file.read_text().replace(",", ";"))
-    assert "semicolons" in refused(file)
+    file.write_text("# of a robot\n#" + file.read_text().replace(",", separator))
+    np.testing.assert_allclose(load(str(file), agvjax.Unicycle(), {}).t, good[:, 0] - good[0, 0], atol=1e-9)
+
+
+def test_stamps_with_a_date_are_read(good, tmp_path):
+    file = Path(written(tmp_path / "log.csv", good))
+    head, *rows = [line.split(",", 1) for line in file.read_text().split()]
+    day = datetime.datetime(2025, 11, 28, 23, 59, 59)
+    stamps = [(day + datetime.timedelta(seconds=float(t))).isoformat() for t, _ in rows]
+    lines = [",".join(head), *(f"{stamp},{rest}" for stamp, (_, rest) in zip(stamps, rows, strict=True))]
+    file.write_text("\n".join(lines))
+    np.testing.assert_allclose(load(str(file), agvjax.Unicycle(), {}).t, good[:, 0] - good[0, 0], atol=2e-6)
+    with pytest.raises(agvjax.InputError, match="identify.columns.t.* say"):
+        load(str(file), agvjax.Unicycle(), {"t": Column("t", "ms")})
 
 
 def test_a_stated_unit_is_converted(good, log_of):

@@ -1,0 +1,24 @@
+"""What is said of one run."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import agvjax
+from agvjax.geometry import wrap
+from tuning.cli.measured import divergence
+
+
+@pytest.mark.parametrize("limit", [2.0, 20.0])
+def test_a_divergence_says_when_and_what_was_passed(limit):
+    """The last instant at which speed, heading and the place counted from the path are within, by hand."""
+    law, scenario, timing = agvjax.NeuroBackstepping(k2=-30.0), agvjax.Scenario(), {"dt": 1e-3, "n_steps": 1000}
+    free = agvjax.simulate(law, dataclasses.replace(scenario, limit=1e9), **timing)
+    off = np.asarray(free.position - free.reference_position)
+    size = np.sqrt((off**2).sum(axis=1) + (np.asarray(free.velocity) ** 2).sum(axis=1) + wrap(free.heading) ** 2)
+    last = int(np.flatnonzero(size >= limit)[0]) - 1
+    run = agvjax.simulate(law, dataclasses.replace(scenario, limit=limit), **timing)
+    assert not run.ok and 0 < last < 900
+    said = divergence(run, limit)
+    assert f"at t = {1e-3 * last:.4g} s" in said and f"passed scenario.limit = {limit:g}" in said

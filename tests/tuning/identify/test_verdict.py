@@ -1,0 +1,57 @@
+"""What is made of a fit: whether what is left is noise, and whether the measurements agree."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from tuning.identify import verdict
+from tuning.identify.fit import Fit
+from tuning.identify.model import Sums
+from tuning.identify.parameters import Parameter
+from tuning.identify.segments import Segments
+from tuning.identify.verdict import Estimate, _white
+
+
+def test_what_is_left_is_correlated_from_one_measurement_to_the_next():
+    """Of a channel that is measured every second row too: 0.6, by which it was made."""
+    rng, rows = np.random.default_rng(0), np.zeros((50, 200))
+    for k in range(2, 200, 2):
+        rows[:, k] = 0.6 * rows[:, k - 2] + rng.normal(size=50)
+    there = np.tile(np.arange(200) % 2 == 0, (50, 1))
+    other = np.where(there, np.nan, rng.normal(size=(50, 200)))  # white, in the rows between
+    fit: Any = SimpleNamespace(
+        model=SimpleNamespace(channels=("x", "y")),
+        sums=SimpleNamespace(residual=np.stack([rows, other], axis=-1)),
+        segments=SimpleNamespace(weight=np.stack([there, ~there], axis=-1).astype(float)),
+    )
+    assert _white(fit) == pytest.approx({"x": 0.6, "y": 0.0}, abs=0.04)
+
+
+@pytest.mark.parametrize(("turns", "doubted"), [(0.09, True), (0.24, False), (0.16, False)])
+def test_a_number_on_which_going_and_turning_disagree_is_none(turns, doubted, monkeypatch):
+    """Forty stretches, each of which measures one number twice; the two delays are doubted together."""
+    rng = np.random.default_rng(0)
+    seen = np.array([0.25, turns]) + 0.05 * rng.normal(size=(40, 2))
+    names = ("actuators.a.delay.time", "actuators.b.delay.time", "plant.L")
+    parameters = tuple(Parameter(name, "s", 0.2, 0.0, 0.5, 0.1, 0.025) for name in names)
+    p, one = np.full(3, 0.2), np.eye(3)
+
+    def told(p, states, segments):
+        weight = segments.weight[:, 0]  # (S, C)
+        slope = -np.sum(weight * (seen - p[0]), axis=1)[:, None] * one[0]
+        count = weight.sum(axis=1)[:, None, None]
+        return Sums(count * one, slope, np.zeros(40), states, (seen - p[0])[:, None])
+
+    weight = np.full((40, 1, 2), 0.05**-2)
+    segments = Segments(*[weight] * len(Segments._fields))
+    sums, model = told(p, np.zeros((40, 1)), segments), SimpleNamespace(channels=("x", "heading"))
+    fit = Fit(
+        parameters, p, np.full(3, True), sums, segments, *[cast(Any, None)] * 4, model=cast(Any, model), absent={}
+    )
+    monkeypatch.setattr(verdict, "compiled", lambda model: told)
+    given = [Estimate(q.name, q.unit, 0.2, 0.005, identified=True) for q in parameters]
+    found = verdict._agreed(fit, given, 50, 0)
+    assert [e.identified for e in found] == [not doubted, not doubted, True]
+    assert not doubted or f"how it turns {turns:.2f}"[:-1] in found[0].reason
