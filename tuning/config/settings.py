@@ -28,6 +28,7 @@ def _whole(low: int, high: float, most: str) -> Rule:
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
 STARTS, ROUNDS, DRIVES = _whole(1, 1000, "1000"), _whole(0, 100, "100"), _whole(0, 4096, "4096")
 SWEPT = _whole(1, 1e9, "10^9")
+SCREENED = _whole(0, 1e5, "10^5")
 MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
 WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
@@ -131,8 +132,9 @@ class Tune:
     iterations: int = number(300, "1", COUNT)
     patience: int = number(100, "iterations", COUNT)
     clip: float = number(1.0, "norm of the gradient", POSITIVE)
-    starts: int = number(1, "1", STARTS)
-    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains of further starts about the configured
+    screen: int = number(512, "gain sets looked at before the search", SCREENED)  # 0: none
+    starts: int = number(1, "1", STARTS)  # searches, from the best places of the screening that lie apart
+    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains about the configured ones that are tried
     checkpoint_every: int = number(10, "iterations", COUNT)
     search: Search = Search()
 

@@ -19,7 +19,7 @@ from . import caveats, figures
 from .analysis import Findings
 from .judge import Summary, TuneVerdict, baseline_of
 from .problem import TuningProblem
-from .rounds import COLUMNS, Outcome, Round
+from .rounds import COLUMNS, Outcome, Round, Run
 
 LATE = ("rmse_late_x", "rmse_late_y", "rmse_late_heading")
 SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_chatter")
@@ -140,9 +140,9 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
     clipped = problem.tuner.method.note(run.total("clipped"))
     counts = (
-        f"{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')} rollouts of the"
-        f" ensemble (a gradient counts 1 + its tangents), best at iteration {p.best_iteration}; {latched} of them with"
-        f" diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient there was of use."
+        f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
+        f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
+        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient there was of use."
     )
     smooth = _smooth_note(objective.names)
     learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
@@ -242,6 +242,15 @@ def _worse(outcome: Outcome) -> list[str]:
     more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
     more = outcome.stopped or more
     return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
+
+
+def _screened(run: Run) -> str:
+    """What was looked at before the first iteration."""
+    seen = run.screened
+    if seen is None:
+        return ""
+    lost = f", every run of {seen.lost} of them diverged" if seen.lost else ""
+    return f"{seen.looked} gain sets looked at first, at the price of {seen.rollouts} rollouts of the ensemble{lost}. "
 
 
 def _smooth_note(names: Sequence[str]) -> str:
