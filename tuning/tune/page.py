@@ -142,7 +142,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     counts = (
         f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
         f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
-        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient there was of use."
+        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient"
+        " there was of use."
     )
     smooth = _smooth_note(objective.names)
     learned = "\n".join(f"* {line}" for line in identifiability(verdict.findings))
