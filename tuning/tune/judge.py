@@ -54,11 +54,12 @@ class TuneVerdict(NamedTuple):
     @property
     def lines(self) -> list[str]:
         """The verdict: a sentence, then what was left to be desired, a line each."""
-        first = "Limits not met" if self.over else "All limits are met on the tuning scenarios"
-        if self.useless:
-            first += "; these gains should not be used"
-        elif self.cautions and not self.over:
-            first += "; to be known before these gains are used"
+        limits = "limits are not met" if self.over else "all limits are met on the tuning scenarios"
+        if self.failure:
+            first = f"Not tuned: {limits}" + ("; these gains should not be used" if self.useless else "")
+        else:
+            first = f"Tuned: {limits}"
+            first += "; to be known before these gains are used" if self.cautions else ""
         rest = [*self.over, *self.conflict, *self.useless, *self.cautions]
         return [first + (":" if rest else "."), *rest]
 

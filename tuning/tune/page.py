@@ -12,6 +12,7 @@ import agvjax
 from agvjax.leaves import unit_of
 from agvjax.metric_table import METRICS, metrics_of
 
+from ..config.settings import LATE
 from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import grid, html
@@ -21,7 +22,6 @@ from .judge import Summary, TuneVerdict, baseline_of
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Round, Run
 
-LATE = ("rmse_late_x", "rmse_late_y", "rmse_late_heading")
 SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_chatter")
 
 
@@ -45,6 +45,20 @@ def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
     counts = {"diverged runs": (before.latched, after.latched), "not settled": (before.unsettled, after.unsettled)}
     rows += [[name, f"of {before.size}", *pair, "", "", "", ""] for name, pair in counts.items()]
     return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
+
+
+def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
+    """In a sentence, which means became better and which worse."""
+    parts: dict[str, list[str]] = {"better": [], "worse": [], "within 1 % of what it was": []}
+    for name in metrics:
+        old, new = before.mean[name], after.mean[name]
+        if not (np.isfinite(old) and np.isfinite(new) and old > 0):
+            continue
+        change = new / old - 1
+        kind = "better" if change < -0.01 else "worse" if change > 0.01 else "within 1 % of what it was"
+        parts[kind].append(name if abs(change) <= 0.01 else f"{name} {change:+.0%}")
+    told = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in parts.items() if names)
+    return f"On average over the scenarios not tuned on, {told}." if told else ""
 
 
 def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
@@ -169,6 +183,8 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 ## On {after["validation"].size} validation scenarios, not seen in tuning
 
+{changes(before["validation"], after["validation"], names)}
+
 {comparison(before["validation"], after["validation"], names)}
 
 ## On the {after["tuning"].size} tuning scenarios
@@ -217,8 +233,8 @@ def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
     table = gains((*tuned.names, *tuned.tied), problem.config.controller, outcome.controller, tuned.stability)
     first, *rest = verdict.lines
     size = f"On {after.size} validation scenarios, not seen in tuning:"
-    lines = [table, "", size, "", comparison(before, after, names), "", first, *(f"* {line}" for line in rest)]
-    return "\n".join(lines)
+    told = [comparison(before, after, names), "", changes(before, after, names), "", first]
+    return "\n".join([table, "", size, "", *told, *(f"* {line}" for line in rest)])
 
 
 def shown(problem: TuningProblem) -> tuple[str, ...]:

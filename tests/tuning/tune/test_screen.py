@@ -32,7 +32,7 @@ OBJECTIVE = Objective((Requirement("total_rmse", "mean", 1.0),), within({"effort
 
 
 def far_from(bowl, start=(20.0, 12.0), count=511, objective=OBJECTIVE):
-    """A screening whose runs are answered by `bowl(z, amplitude)` -> (values (M, B), ok), which keeps what it was asked."""
+    """A screening whose runs `bowl(z, amplitude)` -> (values (M, B), ok) answers, and what it was asked."""
     batch = sample(Scenario(), {"disturbance.amplitude": Between(0.0, 1.0)}, SIZE, 0)
     settings = Tune(screen=count)
     law = NeuroBackstepping(k1=start[0], k3=start[1])
