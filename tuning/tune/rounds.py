@@ -105,38 +105,53 @@ def solve(
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
-    run = begin(problem) if run is None else run
-    if problem.screen is not None and run.screened is None and not run.history:
-        run = run._replace(screened=problem.screen.look(looking))
-        run = run._replace(searches=tuple(map(problem.tuner.begin, run.screened.apart(problem.config.tune.starts))))
+    run = _begun(problem, run, looking)
     problem = in_units_of(problem, run.screened.unit) if run.screened is not None else problem
     problem = with_added(problem, run.added) if run.added else problem
-    settings, before = problem.config.tune.search, None
+    before = None
+    while True:
+        run = _searched(problem, run, each)
+        reason, stopped = _hindrance(run.lead), ""
+        if reason and before is not None:
+            said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
+            return before._replace(stopped=f"{said}; the gains are those of the round before")
+        if reason:
+            run, stopped = _looked_at(run, reason)
+        searching()
+        before = _outcome(problem, run, stopped)
+        if stopped or run.round >= problem.config.tune.search.rounds or not before.worse:
+            return before
+        problem, run = _again(before)
+
+
+def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int], None]) -> Run:
+    """The run with its screening behind it; one that has iterated, of an earlier release, may have had none."""
+    run = begin(problem) if run is None else run
+    if problem.screen is None or run.screened is not None or run.history:
+        return run
+    seen = problem.screen.look(looking)
+    searches = tuple(map(problem.tuner.begin, seen.apart(problem.config.tune.starts)))
+    return run._replace(screened=seen, searches=searches)
+
+
+def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
+    """The run with all searches finished; where the first ones come to nothing, with others from further places."""
     while True:
         while not all(problem.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
-        lead = run.lead
-        reason = _hindrance(lead)
-        if reason and before is None and (elsewhere := _elsewhere(problem, run)):
-            run = elsewhere
-            continue
-        if reason and before is not None:
-            said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
-            return before._replace(stopped=f"{said}; the gains are those of the round before")
-        stopped = ""
-        if reason:
-            run, stopped = _looked_at(run, reason)
-            lead = run.lead
-        searching()
-        found = problem.adversary.search(lead.best_z, run.round)
-        best = problem.tuner.worst(lead.best_z)
-        names = problem.tuner.objective.names
-        rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
-        before = Outcome(problem, run, problem.tuner.best(lead), found, (*run.rounds, *rounds), stopped)
-        if run.round >= settings.rounds or not before.worse or stopped:
-            return before
-        problem, run = _again(before)
+        further = _elsewhere(problem, run) if _hindrance(run.lead) and run.round == 0 else None
+        if further is None:
+            return run
+        run = further
+
+
+def _outcome(problem: TuningProblem, run: Run, stopped: str) -> Outcome:
+    """What the lead is worth in the worst scenarios of the box."""
+    z, names = run.lead.best_z, problem.tuner.objective.names
+    found, best = problem.adversary.search(z, run.round), problem.tuner.worst(z)
+    rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
+    return Outcome(problem, run, problem.tuner.best(run.lead), found, (*run.rounds, *rounds), stopped)
 
 
 def _hindrance(lead: Progress) -> str:
