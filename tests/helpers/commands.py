@@ -9,7 +9,8 @@ ROOT = Path(__file__).parents[2]  # of the repository
 FAST = ["simulate.dt=0.01", "simulate.horizon=1", "simulate.integrator=euler"]
 SHORT_TUNE = """
 tune.dt=0.01 tune.integrator=euler tune.gains=["k1","k3"] tune.optimizer=adam tune.checkpoint_every=5
-tune.search.checks=0 tune.search.scouts=8 tune.search.starts=2 tune.search.iterations=2 ensemble.validation_size=4
+tune.screen=0 tune.search.checks=0 tune.search.scouts=8 tune.search.starts=2 tune.search.iterations=2
+ensemble.validation_size=4
 """.split()
 
 

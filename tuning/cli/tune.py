@@ -76,6 +76,12 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
         bar.update()
         recorder.record(run)
 
+    def looking(runs: int, sets: int) -> None:
+        if signals:
+            raise KeyboardInterrupt
+        bar.set_postfix_str(f"looking at {sets} gain sets", refresh=False)
+        bar.refresh()
+
     def searching() -> None:
         if signals:
             raise KeyboardInterrupt
@@ -84,7 +90,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
 
     try:
         with interrupts() as signals:
-            outcome = solve(readied(problem), first, each, searching)
+            outcome = solve(readied(problem), first, each, searching, looking)
             if signals:
                 raise KeyboardInterrupt
         recorder.run = outcome.run

@@ -7,7 +7,7 @@ import argparse
 from agvjax import Fault, InputError
 
 from .. import config as configuration
-from ..config.load import BUILT_IN
+from ..config.load import VEHICLES
 from ..io import files
 from ..tune.rules import faults
 from .folders import new_folder
@@ -19,11 +19,11 @@ PARTS = 4
 def run(arguments: argparse.Namespace) -> int:
     """Tune for the built-in vehicles and judge; write tables, figures, animation and report."""
     if arguments.config:
-        rule = f"left out: this command looks at {', '.join(BUILT_IN)}; tune any other with `agvjax tune --config`"
+        rule = f"left out: this command looks at {', '.join(VEHICLES)}; tune any other with `agvjax tune --config`"
         raise InputError([Fault("--config", name, rule) for name in arguments.config])
     console = configure(arguments, faults)[1]
     settings, imports = overrides(arguments), arguments.imports
-    configs = {name: configuration.load([name], settings, faults, imports=imports) for name in BUILT_IN}
+    configs = {name: configuration.load([name], settings, faults, imports=imports) for name in VEHICLES}
     out = new_folder(arguments.out, arguments.command)
     for name, config in configs.items():
         files.write(out / f"config-{name}.toml", configuration.dump(config))

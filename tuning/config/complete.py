@@ -11,7 +11,7 @@ import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import Usual, correlated, default_draws
-from .settings import SWEPT_METRICS, Config, Ensemble, Sweep, Tune, default_limits, default_over
+from .settings import SWEPT_METRICS, Config, Ensemble, Sweep, Tune, default_goals, default_limits, default_over
 
 Section = TypeVar("Section", Ensemble, Tune, Sweep)
 
@@ -35,7 +35,8 @@ def complete(config: Config) -> Config:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
             tied = correlated(ensemble.draws, ensemble.correlation)
             ensemble = dataclasses.replace(ensemble, draws=tied)
-    tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), limits=default_limits(known))
+    goals, limits = default_goals(known, config.simulate.horizon), default_limits(known)
+    tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), goals=goals, limits=limits)
     metrics = tuple(name for name in SWEPT_METRICS if name in known)
     sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)

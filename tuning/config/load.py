@@ -21,7 +21,8 @@ from .settings import VERSION, Config
 from .spellings import KINDS, NAMED, Toml, flat
 
 SECTIONS = ("scenario", "scenario.start", "simulate", "ensemble", "tune", "tune.search", "pareto", "sweep", "identify")
-PRESETS, BUILT_IN = Path(__file__).with_name("presets"), ("unicycle", "car", "robot")
+VEHICLES = ("unicycle", "car", "robot")
+PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "paper-goal")
 
 
 def load(

@@ -10,7 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax._pytree import FRACTION, NONNEGATIVE, POSITIVE, Rule, number
-from agvjax.metric_table import METRICS
+from agvjax.metric_table import AXES, METRICS
 from agvjax.protocols import Law
 from agvjax.timing import DT, N_STEPS
 
@@ -28,6 +28,7 @@ def _whole(low: int, high: float, most: str) -> Rule:
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
 STARTS, ROUNDS, DRIVES = _whole(1, 1000, "1000"), _whole(0, 100, "100"), _whole(0, 4096, "4096")
 SWEPT = _whole(1, 1e9, "10^9")
+SCREENED = _whole(0, 1e5, "10^5")
 MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))
 WEIGHT = Rule(">= 0 and at most 10^6", lambda x: (x >= 0) & (x <= 1e6))
@@ -36,6 +37,7 @@ LONG = Rule("from 10^-3 to 10^4", lambda x: (x >= 1e-3) & (x <= 1e4))
 DURATION = Rule("from 0.1 to 3600", lambda x: (x >= 0.1) & (x <= 3600))
 MEMORY = Rule("from 10^-3 to 10", lambda x: (x >= 1e-3) & (x <= 10))
 PACE = Rule("from 10^-3 to 10^3", lambda x: (x >= 1e-3) & (x <= 1e3))
+LATE = tuple(f"rmse_late_{axis}" for axis in AXES)
 SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
 
@@ -86,9 +88,16 @@ class Limit:
     absolute: bool = False
 
 
-def default_goals() -> dict[str, Weights]:
-    """The default problem's."""
-    return {"total_rmse": Weights(mean=1.0, worst=0.3)}
+def default_goals(known: Collection[str] = METRICS, horizon: object = np.inf) -> dict[str, Weights]:
+    """The error of the whole run, which is that of its start, and of each channel what is left after the start.
+
+    A late error weighs a fortieth: little enough that the whole error hardly suffers, enough that no late error of the
+    paper's law rises (docs/tuning.md has what other weights do). Runs shorter than twice the start have none.
+    """
+    goals = {"total_rmse": Weights(mean=1.0, worst=0.3)}
+    if isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late):
+        goals |= {name: Weights(mean=0.025, worst=0.0075) for name in LATE if name in known}
+    return goals
 
 
 def default_limits(known: Collection[str] = METRICS) -> dict[str, Limit]:
@@ -116,7 +125,7 @@ class Tune:
     gains: tuple[str, ...] = OPEN  # those that the law itself names
     tied: dict[str, str] = dataclasses.field(default_factory=dict)
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    goals: dict[str, Weights] = dataclasses.field(default_factory=default_goals)
+    goals: dict[str, Weights] = OPEN  # those of `default_goals` that the plant has
     limits: dict[str, Limit] = OPEN  # those of `default_limits` that the plant has
     tail: float = number(0.1, "share of the ensemble", FRACTION)
     stability_margin: float = number(1.0, "times what the stability conditions ask", POSITIVE)
@@ -131,8 +140,9 @@ class Tune:
     iterations: int = number(300, "1", COUNT)
     patience: int = number(100, "iterations", COUNT)
     clip: float = number(1.0, "norm of the gradient", POSITIVE)
-    starts: int = number(1, "1", STARTS)
-    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains of further starts about the configured
+    screen: int = number(512, "gain sets looked at before the search", SCREENED)  # 0: none
+    starts: int = number(1, "1", STARTS)  # searches, from the best places of the screening that lie apart
+    spread: float = number(3.0, "times, either way", FACTOR)  # of the gains about the configured ones that are tried
     checkpoint_every: int = number(10, "iterations", COUNT)
     search: Search = Search()
 

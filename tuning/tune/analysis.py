@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .methods import sqp
-from .methods.objective import Requirement
-from .tuner import TOLERANCE, Tuner
+from .methods.objective import TOLERANCE, Requirement
+from .tuner import Tuner
 
 NEAR = 2e-3  # a limit this close to its bound is active
 ALIKE = 0.99  # cosine beyond which two gains do the same to every metric of every scenario

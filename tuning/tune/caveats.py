@@ -12,12 +12,14 @@ from agvjax.metric_table import METRICS
 
 from ..ensemble.worst import Found
 from .gains import Gains
-from .methods.objective import Objective
-from .tuner import TOLERANCE
+from .methods.objective import TOLERANCE, Objective
 
 WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
-PEOPLE_LOOK_AT = ("rmse_late_x", "rmse_late_y", "rmse_late_heading", "longest_settling_time", "limited")
+MUCH_WORSE = 0.5  # the same of a metric that is no error
+ERRORS = ("rmse_late_x", "rmse_late_y", "rmse_late_heading", "longest_settling_time", "limited")
+COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
+PEOPLE_LOOK_AT = dict.fromkeys(ERRORS, WORSE) | dict.fromkeys(COMMANDS, MUCH_WORSE)  # and by how much it must rise
 
 
 class Caveats(NamedTuple):
@@ -88,15 +90,16 @@ def _worse(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> l
     """What rose, of what people look at first, over the runs that neither set of gains loses."""
     lines = []
     channels = np.shape(after.rmse)[-1]
-    for name in PEOPLE_LOOK_AT if both.any() else ():
-        if METRICS[name].heading and channels < 3:
+    for name, least in PEOPLE_LOOK_AT.items() if both.any() else ():
+        row = METRICS[name]
+        if (row.heading and channels < 3) or (row.delivered and after.limited is None):
             continue
         old, new = (np.asarray(metrics[name], float)[both] for metrics in (before, after))
         for statistic, of in (("mean", np.mean), ("worst", np.max)):
             a, b = float(of(old)), float(of(new))
-            if np.isfinite(a) and b > (1 + WORSE) * a and b - a > 1e-6:
+            if np.isfinite(a) and b > (1 + least) * a and b - a > 1e-6:
                 rise = f" ({b / a - 1:+.0%})" if a else ""
-                lines.append(f"{statistic} {name} rose from {a:.3g} to {b:.3g} {METRICS[name].unit}{rise}")
+                lines.append(f"{statistic} {name} rose from {a:.3g} to {b:.3g} {row.unit}{rise}")
     return lines
 
 

@@ -19,6 +19,7 @@ from ..io.files import write, write_csv, write_npz
 from .methods.method import Progress
 from .problem import TuningProblem
 from .rounds import COLUMNS, Round, Run, begin
+from .screen import Screened
 from .tuner import HISTORY
 
 CHECKPOINT, LOG = "checkpoint.npz", "metrics.jsonl"
@@ -78,6 +79,8 @@ def save(folder: Path, run: Run) -> None:
     arrays: dict[str, Any] = {"round": run.round, "searches": len(run.searches), "past": run.past}
     arrays |= {f"added/{name}": value for name, value in run.added.items()}
     arrays["rounds"] = json.dumps(run.rounds)
+    if run.screened is not None:
+        arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
         arrays |= {f"{i}/optimiser/{k}": leaf for k, leaf in enumerate(leaves)}
@@ -104,6 +107,7 @@ def load(folder: Path, fresh: Run) -> Run:
             added={name[6:]: value for name, value in saved.items() if name.startswith("added/")},
             rounds=tuple(_round(*row) for row in json.loads(str(saved["rounds"]))),
             past=tuple(tuple(float(x) for x in row) for row in saved["past"]),
+            screened=_screened(saved, fresh.searches[0].z.size),
         )
     except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error
@@ -114,6 +118,18 @@ def _round(number: int, metric: str, best: float, worst_found: float) -> Round:
     if metric not in METRICS:
         raise ValueError(f"it holds a metric that nobody knows, {metric!r}")
     return Round(int(number), metric, float(best), float(worst_found))
+
+
+def _screened(saved: dict[str, Any], gains: int) -> Screened | None:
+    """What was seen before the first iteration; None for a run without a screening, or of an earlier release."""
+    parts = {name: saved[f"screened/{name}"] for name in Screened._fields if f"screened/{name}" in saved}
+    if not parts:
+        return None
+    counts = {name: int(parts[name]) for name in ("looked", "lost", "rollouts")}
+    sizes = [parts["places"].shape[1:], parts["unit"].shape, parts["ranks"].shape]
+    if sizes != [(gains,), (gains,), (len(parts["places"]), 2)] or min(counts.values()) < 0 or not len(parts["places"]):
+        raise ValueError("it holds gain sets of another problem")
+    return Screened(**parts | counts)
 
 
 def _row(row: np.ndarray, width: int) -> tuple[float, ...]:

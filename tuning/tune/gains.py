@@ -57,11 +57,18 @@ class Gains(NamedTuple):
 
     def controller(self, z: Float[Array, " K"], like: Law) -> Law:
         """The controller at z; what is not tuned is taken from `like`."""
-        gains = dict(zip(self.names, self._gains(z), strict=True))
-        gains |= {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
-        return agvjax.replace(like, gains)
+        return agvjax.replace(like, self._named(self._gains(z)))
 
-    def _gains(self, z: Float[Array, " K"]) -> Float[Array, " K"]:
+    def controllers(self, z: Float[Array, "B K"], like: Law) -> agvjax.Batch:
+        """The controllers at every row of z."""
+        return agvjax.batch(like, self._named(self._gains(z).T))
+
+    def _named(self, columns: Array) -> dict[str, Array]:
+        """The tuned gains by name, and those tied to them."""
+        gains = dict(zip(self.names, columns, strict=True))
+        return gains | {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
+
+    def _gains(self, z: Float[Array, "*B K"]) -> Float[Array, "*B K"]:
         low, high = np.isfinite(self.lower), np.isfinite(self.upper)
         lower, upper = (
             jnp.asarray(np.where(fine, x, 0.0), z.dtype) for fine, x in ((low, self.lower), (high, self.upper))

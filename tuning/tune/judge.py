@@ -54,11 +54,12 @@ class TuneVerdict(NamedTuple):
     @property
     def lines(self) -> list[str]:
         """The verdict: a sentence, then what was left to be desired, a line each."""
-        first = "Limits not met" if self.over else "All limits are met on the tuning scenarios"
-        if self.useless:
-            first += "; these gains should not be used"
-        elif self.cautions and not self.over:
-            first += "; to be known before these gains are used"
+        limits = "limits are not met" if self.over else "all limits are met on the tuning scenarios"
+        if self.failure:
+            first = f"Not tuned: {limits}" + ("; these gains should not be used" if self.useless else "")
+        else:
+            first = f"Tuned: {limits}"
+            first += "; to be known before these gains are used" if self.cautions else ""
         rest = [*self.over, *self.conflict, *self.useless, *self.cautions]
         return [first + (":" if rest else "."), *rest]
 
@@ -91,12 +92,22 @@ def judge(outcome: Outcome) -> TuneVerdict:
     useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
     cautions += caveats.worst_case(objective, outcome.found, baseline)
     cautions += caveats.at_bounds(problem.tuner.gains, agvjax.leaves(outcome.controller))
-    if outcome.progress.best_iteration == 0 and outcome.run.round == 0:
+    if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):
         cautions.append("nothing better than the starting gains was found: the gains are those")
-    cautions += [outcome.stopped] if outcome.stopped else []
+    cautions += [*_unit(outcome), *([outcome.stopped] if outcome.stopped else [])]
     worst = unseen[after["validation"].worst_index]
     there = _start_at_worst(outcome)
     return TuneVerdict(before, after, findings, over, conflict, useless, cautions, tuned_on[0], there, worst)
+
+
+def _unit(outcome: Outcome) -> list[str]:
+    """What goals and limits are multiples of, where every run diverges with the starting gains."""
+    run, (config, tuner, *_) = outcome.run, outcome.problem
+    if run.screened is None or np.array_equal(run.screened.unit, tuner.gains.coordinates(config.controller)):
+        return []
+    values = tuner.gains.values(run.screened.unit, config.controller)
+    gains = ", ".join(f"{name} = {x:.3g}" for name, x in zip(tuner.gains.names, values, strict=True))
+    return [f"every run diverges with the starting gains: goals and limits are multiples of what {gains} achieve"]
 
 
 def _start_at_worst(outcome: Outcome) -> dict[str, float]:

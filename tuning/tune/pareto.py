@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..io.panels import panels
-from .methods.objective import within
+from .methods.objective import FEASIBLE, within
 from .problem import TuningProblem
-from .tuner import FEASIBLE, Progress, Tuner
+from .tuner import Progress, Tuner
 
 
 class Point(NamedTuple):

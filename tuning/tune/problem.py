@@ -23,6 +23,7 @@ from ..ensemble.worst import Adversary, batch_of
 from .gains import Gains
 from .methods.objective import STATISTICS, Objective, Requirement
 from .rules import faults
+from .screen import Screen
 from .tuner import Tuner
 
 
@@ -32,6 +33,7 @@ class TuningProblem(NamedTuple):
     config: Config
     tuner: Tuner  # on the ensemble, with empty places for what the search for the worst adds
     adversary: Adversary
+    screen: Screen | None = None  # what looks at many gain sets before the search
 
 
 def pose(config: Config) -> TuningProblem:
@@ -68,7 +70,8 @@ def pose(config: Config) -> TuningProblem:
         settings=settings.search,
         seed=config.seed,
     )
-    return TuningProblem(config, tuner, adversary)
+    screen = Screen(tuner, ensemble.size, config.seed) if settings.screen else None
+    return TuningProblem(config, tuner, adversary, screen)
 
 
 def requirements(settings: Tune) -> Objective:
@@ -91,7 +94,7 @@ def searched(objective: Objective) -> tuple[str, ...]:
 
 
 def starts(problem: TuningProblem) -> list[Array]:
-    """Where the searches start, as coordinates: at the configured gains, then Sobol points about them."""
+    """Where the searches start without a screening: at the configured gains, then Sobol points about them."""
     config, gains = problem.config, problem.tuner.gains
     middle = gains.coordinates(config.controller)
     more = config.tune.starts - 1
@@ -127,3 +130,13 @@ def with_added(problem: TuningProblem, added: Mapping[str, np.ndarray]) -> Tunin
     batch = batch_of(own, added, tuner.batch.size - own.size)
     tuner = dataclasses.replace(tuner, batch=batch, compiled=tuner.push if tuner.forward else None)
     return problem._replace(tuner=tuner)
+
+
+def in_units_of(problem: TuningProblem, z: np.ndarray) -> TuningProblem:
+    """The problem with goals and limits as multiples of what the gains at z achieve, if those are not the start's."""
+    tuner = problem.tuner
+    middle = np.asarray(tuner.gains.coordinates(tuner.controller))
+    if tuner.budget is not None or np.array_equal(z, middle):
+        return problem
+    budget = tuner.objective.baseline(*tuner.judged(jax.numpy.asarray(z, middle.dtype)))
+    return problem._replace(tuner=dataclasses.replace(tuner, budget=budget))

@@ -12,6 +12,7 @@ from ..compute.processes import joined
 from ..config import dump
 from .judge import judged, seen_and_unseen
 from .problem import TuningProblem
+from .screen import Screen
 
 
 def steered(problem: TuningProblem) -> TuningProblem:
@@ -23,12 +24,13 @@ def steered(problem: TuningProblem) -> TuningProblem:
 
 
 def readied(problem: TuningProblem) -> TuningProblem:
-    """The problem with all that tuning and judging will call made ready, the Jacobian first.
+    """The problem with all that tuning and judging will call made ready, what is called first first.
 
     Not where several processes compute together: they must do the same in the same order.
     """
     if joined():
         return problem
+    looked = _screened(problem)
     problem = steered(problem)
     (settings, z), adversary, config = _identity(problem), problem.adversary, problem.config
     jacobian = problem.tuner.compiled if isinstance(problem.tuner.compiled, Ahead) else None
@@ -36,7 +38,16 @@ def readied(problem: TuningProblem) -> TuningProblem:
     climb = Ahead(adversary.climb, settings + "climb", z, jnp.asarray(shares, z.dtype), after=jacobian)
     look = Ahead(adversary.look, settings + "look", z, scenarios, after=jacobian)
     meanwhile(judged, config, config.controller, seen_and_unseen(problem)[0])
-    return problem._replace(adversary=dataclasses.replace(adversary, compiled=(climb, look)))
+    return problem._replace(adversary=dataclasses.replace(adversary, compiled=(climb, look)), screen=looked)
+
+
+def _screened(problem: TuningProblem) -> Screen | None:
+    """The screening with its rollouts made ready."""
+    screen = problem.screen
+    if screen is None:
+        return None
+    compiled = Ahead(screen.tuner.values, _identity(problem)[0] + "screen", *screen.example())
+    return dataclasses.replace(screen, compiled=compiled)
 
 
 def _identity(problem: TuningProblem) -> tuple[str, Array]:

@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..ensemble.worst import Found
-from .problem import TuningProblem, starts, with_added
+from .problem import TuningProblem, in_units_of, starts, with_added
+from .screen import Screened
 from .tuner import HISTORY, Progress
 
 COLUMNS = ("round", "start", *HISTORY)
+PLACES = 4  # of the screening are tried, one after another, where no gradient is of use
 
 
 class Round(NamedTuple):
@@ -31,6 +33,7 @@ class Run(NamedTuple):
     added: dict[str, np.ndarray]  # leaves of the scenarios that searches found, (A, ...)
     rounds: tuple[Round, ...]  # those before
     past: tuple[tuple[float, ...], ...]  # history of the rounds before, rows of COLUMNS and gains
+    screened: Screened | None = None  # what was seen before the first iteration
 
     @property
     def history(self) -> list[tuple[float, ...]]:
@@ -50,6 +53,7 @@ class Run(NamedTuple):
             ends[row[0], row[1]] = row[COLUMNS.index(name)]
         if name == "rollouts":  # a search along a line adds to them after its row
             ends |= {(self.round, i): p.rollouts for i, p in enumerate(self.searches)}
+            ends[-1, 0] = 0 if self.screened is None else self.screened.rollouts
         return int(sum(ends.values()))
 
 
@@ -85,41 +89,69 @@ def solve(
     run: Run | None = None,
     each: Callable[[Run], None] = lambda run: None,
     searching: Callable[[], None] = lambda: None,
+    looking: Callable[[int, int], None] = lambda runs, sets: None,
 ) -> Outcome:
-    """Tune, search for the worst scenario, add it and tune again, for as many rounds as are configured.
+    """Look at many gain sets, tune from the best, search for the worst scenario, add it and tune again.
+
+    As many rounds of the last two as are configured.
 
     Args:
         problem: the problem, from `pose`.
         run: where to go on; None begins.
         each: called after every iteration.
         searching: called before every search for the worst scenario.
+        looking: called while many gain sets are looked at, see `Screen.look`.
 
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
-    run = begin(problem) if run is None else run
+    run = _begun(problem, run, looking)
+    problem = in_units_of(problem, run.screened.unit) if run.screened is not None else problem
     problem = with_added(problem, run.added) if run.added else problem
-    settings, before = problem.config.tune.search, None
+    before = None
     while True:
-        while not all(problem.tuner.finished(p) for p in run.searches):
-            run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
-            each(run)
-        lead = run.lead
-        reason = _hindrance(lead)
+        run = _searched(problem, run, each)
+        reason, stopped = _hindrance(run.lead), ""
         if reason and before is not None:
             said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
             return before._replace(stopped=f"{said}; the gains are those of the round before")
         if reason:
-            raise RuntimeError(reason)
+            run, stopped = _looked_at(run, reason)
         searching()
-        found = problem.adversary.search(lead.best_z, run.round)
-        best = problem.tuner.worst(lead.best_z)
-        names = problem.tuner.objective.names
-        rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
-        before = Outcome(problem, run, problem.tuner.best(lead), found, (*run.rounds, *rounds))
-        if run.round >= settings.rounds or not before.worse:
+        before = _outcome(problem, run, stopped)
+        if stopped or run.round >= problem.config.tune.search.rounds or not before.worse:
             return before
         problem, run = _again(before)
+
+
+def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int], None]) -> Run:
+    """The run with its screening behind it; one that has iterated, of an earlier release, may have had none."""
+    run = begin(problem) if run is None else run
+    if problem.screen is None or run.screened is not None or run.history:
+        return run
+    seen = problem.screen.look(looking)
+    searches = tuple(map(problem.tuner.begin, seen.apart(problem.config.tune.starts)))
+    return run._replace(screened=seen, searches=searches)
+
+
+def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
+    """The run with all searches finished; where the first ones come to nothing, with others from further places."""
+    while True:
+        while not all(problem.tuner.finished(p) for p in run.searches):
+            run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
+            each(run)
+        further = _elsewhere(problem, run) if _hindrance(run.lead) and run.round == 0 else None
+        if further is None:
+            return run
+        run = further
+
+
+def _outcome(problem: TuningProblem, run: Run, stopped: str) -> Outcome:
+    """What the lead is worth in the worst scenarios of the box."""
+    z, names = run.lead.best_z, problem.tuner.objective.names
+    found, best = problem.adversary.search(z, run.round), problem.tuner.worst(z)
+    rounds = tuple(Round(run.round, f.metric, float(best[names.index(f.metric)]), f.value) for f in found)
+    return Outcome(problem, run, problem.tuner.best(run.lead), found, (*run.rounds, *rounds), stopped)
 
 
 def _hindrance(lead: Progress) -> str:
@@ -132,6 +164,29 @@ def _hindrance(lead: Progress) -> str:
     return ""
 
 
+def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
+    """The run with a search from the next place of the screening; None where no other is worth it."""
+    places = run.screened.apart(max(PLACES, len(run.searches))) if run.screened is not None else []
+    if len(places) <= len(run.searches):
+        return None
+    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)])))
+
+
+def _looked_at(run: Run, reason: str) -> tuple[Run, str]:
+    """The run with the best gain set of the screening in the lead, where no search came to anything, and a word on it.
+
+    Raises:
+        RuntimeError: there was no screening.
+    """
+    if run.screened is None:
+        raise RuntimeError(reason)
+    excess, goal = (float(x) for x in run.screened.ranks[0])
+    leader = run.lead._replace(best_z=run.screened.places[0], best=(excess, goal))
+    tried = f"no gradient was of use from {len(run.searches)} places"
+    stopped = f"{tried}: these are the best of {run.screened.looked} gain sets; tune.optimizer = cma needs no gradient"
+    return run._replace(searches=(leader, *(p for p in run.searches if p is not run.lead))), stopped
+
+
 def _again(before: Outcome) -> tuple[TuningProblem, Run]:
     """The problem with the worst scenarios added, and its run, from the gains that did not stand them."""
     run, worse = before.run, [f.scenario for f in before.found if f.metric in before.worse]
@@ -140,4 +195,4 @@ def _again(before: Outcome) -> tuple[TuningProblem, Run]:
         added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
     problem = with_added(before.problem, added)
     searches = (problem.tuner.begin(run.lead.best_z),)
-    return problem, Run(run.round + 1, searches, added, before.rounds, tuple(run.history))
+    return problem, Run(run.round + 1, searches, added, before.rounds, tuple(run.history), run.screened)

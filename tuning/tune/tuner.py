@@ -25,8 +25,6 @@ from .methods.objective import Objective, Score
 
 T = TypeVar("T")
 BLOCK, LEAST = 64, 16  # scenarios in a block and on a device: fewer than in a rollout, since each carries its tangents
-TOLERANCE = 1e-3  # a limit counts as met up to a tenth of a percent
-FEASIBLE = 5e-4  # while tuning up to half of it: the coarser step of tuning may be wrong by the other half
 HISTORY = ("iteration", "cost", "goal", "excess", "latched", "gradient_norm", "clipped", "backed_out", "rollouts")
 
 
@@ -63,10 +61,13 @@ class Tuner:
         return method(self.settings.optimizer)(self.settings, self.objective, self._cost_along)
 
     def values(self, z: Array, scenarios: Scenarios) -> tuple[Array, Array]:
-        """The metrics that matter of every scenario (M, B), and which runs are worth having (B,)."""
+        """The metrics that matter of every scenario (M, B), and which runs are worth having (B,).
+
+        `z` is (K,), or (B, K) where every scenario has gains of its own.
+        """
         batch = agvjax.Batch(scenario=swap(self.batch.scenario, scenarios), names=self.batch.names)
         metrics = agvjax.evaluate(
-            self.gains.controller(z, self.controller),
+            (self.gains.controllers if z.ndim == 2 else self.gains.controller)(z, self.controller),
             batch,
             criteria=self.objective.criteria,
             dtype=z.dtype.type,
@@ -105,14 +106,14 @@ class Tuner:
         """`values`, jitted."""
         return _placeless(gathered(jax.jit(self.values)))
 
-    def _judged(self, z: Array) -> tuple[Array, Array]:
+    def judged(self, z: Array) -> tuple[Array, Array]:
         """Metrics (M, B) and ok (B,) of the ensemble at z, by what is compiled already."""
         compiled = self.push if self.forward else self.roll
         return compiled(z, self.scenarios())[:2]
 
     def worst(self, z: Array) -> np.ndarray:
         """The worst of every metric (M,) in the ensemble at z; infinite where a run diverges."""
-        values, ok = self._judged(z)
+        values, ok = self.judged(z)
         return np.where(ok, values, np.inf).max(axis=1)
 
     @functools.cached_property
@@ -120,7 +121,7 @@ class Tuner:
         """(3, M), what goals and limits are multiples of; raises `RuntimeError` where every run diverges."""
         if self.budget is not None:
             return np.asarray(self.budget)
-        return self.objective.baseline(*self._judged(self.gains.coordinates(self.controller)))
+        return self.objective.baseline(*self.judged(self.gains.coordinates(self.controller)))
 
     def cost_of(self, values: Array, ok: Array) -> tuple[Array, Score]:
         """Cost of an ensemble's metrics, and what it is made of."""
@@ -191,10 +192,10 @@ class Tuner:
         sound = sound and self.method.usable(look, self.baseline)
         clipped = p.clipped + (sound and self.method.clips(norm))
         score = look.rank or look.score
-        over = np.asarray(score.levels)[len(self.objective.goals) :] - 1
-        rank = (float(np.maximum(over - FEASIBLE, 0).sum()), float(score.goal))
+        excess, goal = self.objective.ranks(score)
+        rank = (float(excess), float(goal))
         better = sound and rank < p.best
-        rollouts = p.rollouts + 1 + p.z.size + (look.rank is not None)
+        rollouts = p.rollouts + self.method.look_rollouts(p.z.size) + (look.rank is not None)
         row = (p.iteration, *(float(s) for s in score[:4]), norm, clipped, p.backed_out + (not sound), rollouts)
         z, state = self.method.step(p, look, sound, self.baseline, self.scenarios(p.iteration))
         return Progress(
@@ -207,7 +208,7 @@ class Tuner:
             best_iteration=p.iteration if better else p.best_iteration,
             clipped=clipped,
             backed_out=p.backed_out + (not sound),
-            rollouts=rollouts + self.method.further_looks(state) * (1 + p.z.size),
+            rollouts=rollouts + self.method.step_rollouts(state, p.z.size),
             history=[*p.history, (*row, *self.gains.values(p.z, self.controller))],
         )
 

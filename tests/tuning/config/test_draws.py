@@ -11,7 +11,7 @@ from agvjax import InputError
 from agvjax.errors import Fault
 from tuning import Between, Config, OneOf, Plus, Times, sample
 from tuning.config import check, dump, load
-from tuning.config.load import BUILT_IN
+from tuning.config.load import VEHICLES
 from tuning.config.settings import Ensemble
 from tuning.ensemble.draws import Usual, default_draws, uniform
 from tuning.sweep import rules as sweep_rules
@@ -68,7 +68,7 @@ def test_the_default_start_is_drawn_where_the_start_is():
     assert default_draws().items() >= there.items()
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_presets_draw_the_start_as_the_default_problem_does(name):
     assert load([name]).ensemble.draws[START] == Between(-0.5, 0.5)
     moved = load([name], ["scenario.start.position=[300.0, 200.0]"], tune_rules.faults)

@@ -16,14 +16,14 @@ def metrics(rmse, *, late=0.01, settled=True, ok=True, command=1.0):
     """Of B runs, B the length of `rmse`, which is that of x; all else is the same in every channel."""
     count = len(rmse)
     three = lambda value: np.broadcast_to(np.asarray(value, float).reshape(-1, 1), (count, 3))  # noqa: E731
-    same = dict.fromkeys(("iae", "ise", "itae", "overshoot", "chatter"), three(1.0))
+    same = dict.fromkeys(("iae", "ise", "itae", "overshoot"), three(1.0))
+    commands = ("rms_command", "peak_command", "chatter", "rms_delivered", "peak_delivered", "variation_delivered")
     return agvjax.Metrics(
         rmse=np.stack([rmse, np.zeros(count), np.zeros(count)], axis=1),
         rmse_late=three(late),
         settling_time=three(2.0),
         settled=np.broadcast_to(np.reshape(settled, (-1, 1)), (count, 3)),
-        rms_command=three(command),
-        peak_command=three(command),
+        **dict.fromkeys(commands, three(command)),
         ok=np.broadcast_to(ok, count),
         limited=np.zeros(count),
         **same,
@@ -91,3 +91,12 @@ def test_gains_at_a_bound_other_than_0_are_named():
     gains = Gains(("k1", "zeta", "Lam"), np.array([1.0, 0.1, 0.0]), np.array([np.inf, 3.0, 50.0]))
     (line,) = caveats.at_bounds(gains, {"k1": 8.0, "zeta": 0.1003, "Lam": 0.001})
     assert line.startswith("zeta ended at its bound 0.1 ")
+
+
+def test_commands_that_nothing_limits_and_that_rise_by_half_are_named():
+    """A goal of error alone may be bought with commands that buzz."""
+    assert said(metrics([0.2, 0.4]), metrics([0.1, 0.3], command=1.4)) == ([], [])
+    _, cautions = said(metrics([0.2, 0.4]), metrics([0.1, 0.3], command=1.7))
+    told = " ".join(cautions)
+    for name in ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation"):
+        assert f"mean {name} rose" in told and "(+70%)" in told

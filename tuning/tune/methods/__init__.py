@@ -1,4 +1,4 @@
-"""The methods of tuning, one a file: `sqp`, and every optimiser of optax by its name."""
+"""The methods of tuning, one a file: `sqp`, `cma`, and every optimiser of optax by its name."""
 
 from .method import Method as Method
 
@@ -9,6 +9,10 @@ def method(optimizer: str) -> type[Method]:
         from .sqp import Sqp
 
         return Sqp
+    if optimizer == "cma":
+        from .cma import Cma
+
+        return Cma
     from .optax import Optax  # late: nobody waits for optax who does not use it
 
     return Optax

@@ -94,8 +94,12 @@ class Method:
         """Whether it cuts a gradient of this norm."""
         return False
 
-    def further_looks(self, state: PyTree) -> int:
-        """How many gradients the last step took beyond the one it was given."""
+    def look_rollouts(self, gains: int) -> int:
+        """Rollouts of the ensemble that a look costs: of a gradient 1 + its tangents."""
+        return 1 + gains
+
+    def step_rollouts(self, state: PyTree, gains: int) -> int:
+        """Rollouts that the last step took besides."""
         return 0
 
     def converged(self, state: PyTree) -> bool:

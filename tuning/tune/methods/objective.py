@@ -13,6 +13,8 @@ from jaxtyping import Array, Bool, Float
 import agvjax
 
 STATISTICS = ("mean", "worst", "cvar")
+TOLERANCE = 1e-3  # a limit counts as met up to a tenth of a percent
+FEASIBLE = 5e-4  # while tuning up to half of it: the coarser step of tuning may be wrong by the other half
 
 
 class Requirement(NamedTuple):
@@ -149,3 +151,8 @@ class Objective(NamedTuple):
         cost = goal + self.penalty * jnp.sum(jnp.maximum(over, 0))
         counted = jnp.asarray(self.shares(ok.size) > 0)  # places that only the worst sees hold copies
         return Score(cost, goal, jnp.max(over, initial=-1.0), jnp.sum(~ok & counted), levels)
+
+    def ranks(self, score: Score) -> tuple[np.ndarray, np.ndarray]:
+        """By what gains are compared, in this order: the sum of excesses beyond `FEASIBLE`, and the goal."""
+        over = np.asarray(score.levels)[..., len(self.goals) :] - 1
+        return np.maximum(over - FEASIBLE, 0).sum(axis=-1), np.asarray(score.goal)

@@ -65,9 +65,10 @@ class Optax(Method):
         """Whether the norm is beyond `tune.clip`."""
         return norm > self.settings.clip and self.settings.optimizer != LINE_SEARCH
 
-    def further_looks(self, state: PyTree) -> int:
+    def step_rollouts(self, state: PyTree, gains: int) -> int:
         """Those of a search along a line."""
-        return sum(int(steps) for _, steps in optax.tree_utils.tree_get_all_with_path(state, "num_linesearch_steps"))
+        looks = optax.tree_utils.tree_get_all_with_path(state, "num_linesearch_steps")
+        return (1 + gains) * sum(int(steps) for _, steps in looks)
 
     def note(self, clipped: int) -> str:
         """How many gradients were clipped."""

@@ -13,7 +13,7 @@ import tuning
 from commands import arguments, python, run
 from tuning import config as configuration
 from tuning.cli import main as cli
-from tuning.config.load import BUILT_IN, resolve
+from tuning.config.load import VEHICLES, resolve
 from tuning.sweep import rules as sweep_rules
 from tuning.sweep.laws import named
 from tuning.tune import rules as tune_rules
@@ -23,7 +23,7 @@ BRIEF = ["ensemble.size=4", "ensemble.validation_size=4", "tune.iterations=3", "
 BRIEF += ["tune.search.scouts=1", "tune.search.starts=1", "tune.search.iterations=1", "tune.search.checks=0"]
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_built_in_vehicles_are_sound_and_read_back_as_they_are(name):
     for rules in (tune_rules.faults, sweep_rules.faults):
         config = configuration.load([name], [], rules)
@@ -53,7 +53,7 @@ def test_the_computer_takes_the_vehicle_for_the_configured_one_unless_told():
     assert (config.controller.vehicle.L, config.scenario.plant.L) == (0.6, 0.5)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_gains_of_a_vehicle_are_read_back_with_the_vehicle(name, tmp_path):
     first = configuration.load([name], ["simulate.horizon=3", "scenario.limit=500"])
     law = agvjax.replace(first.controller, {"inner.k1": 3.25})

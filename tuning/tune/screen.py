@@ -1,0 +1,154 @@
+"""Where to begin: many gain sets looked at, in few scenarios each, then in more of them for the better sets.
+
+A gradient says how to walk downhill and not into which valley: from gains far off a search may end where nothing is
+steered. Looking costs little, since a thousand runs share one compiled program. The sets are Sobol points about the
+configured gains, in the coordinates that the search moves in; the better ones stay and are given more of the ensemble
+(successive halving: Jamieson and Talwalkar, Non-stochastic best arm identification, 2016). Horizon and step stay the
+same for all: another one would be compiled for longer than it saves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from scipy.stats import qmc
+
+from .methods.objective import Objective
+from .tuner import Tuner
+
+FEW = 8  # scenarios of the ensemble that every set is given first
+SHARE = 4  # one set in so many stays, and is given so many times the scenarios
+KEPT = 16  # sets, at least, that are given the whole ensemble
+LANES = 1024  # runs at a time, so that one compilation serves any number
+REACHES = (1, 3, 6)  # a third of the sets each, as powers of `tune.spread`: 3, 27 and 729 times, either way
+APART = 0.7  # between places to begin at, in the coordinates: one gain about twice as large
+
+
+class Screened(NamedTuple):
+    """What was seen of many gain sets."""
+
+    places: np.ndarray  # (N, K), coordinates of those that were given the whole ensemble, the best first
+    ranks: np.ndarray  # (N, 2), of each the sum of its limits' excesses and the goal, compared in this order
+    unit: np.ndarray  # (K,), where the gains are whose statistics goals and limits are multiples of
+    looked: int  # gain sets in all
+    lost: int  # those of which every run diverged
+    rollouts: int  # of the whole ensemble, rounded up
+
+    def apart(self, count: int) -> np.ndarray:
+        """The best places that lie apart, at least one and at most so many, (S, K)."""
+        chosen = [0]
+        for i in range(1, len(self.places)):
+            gaps = np.abs(self.places[chosen] - self.places[i]).max(axis=1)
+            if len(chosen) < count and np.all(gaps > APART) and np.isfinite(self.ranks[i, 1]):
+                chosen.append(i)
+        return self.places[chosen]
+
+
+@dataclasses.dataclass(frozen=True)
+class Screen:
+    """A look at many gain sets.
+
+    Attributes:
+        tuner: the problem.
+        size: scenarios of its ensemble, without the places that are kept for others.
+        seed: of the Sobol points.
+        compiled: `tuner.values` of `LANES` runs, each with gains and a scenario of its own, compiled before.
+    """
+
+    tuner: Tuner
+    size: int
+    seed: int = 0
+    compiled: Callable[..., tuple[Array, Array]] | None = None
+
+    def points(self) -> np.ndarray:
+        """The gain sets (N, K): the configured gains, then Sobol points about them, near and far by turns."""
+        count, spread = self.tuner.settings.screen, self.tuner.settings.spread
+        middle = np.asarray(self.tuner.gains.coordinates(self.tuner.controller))
+        sobol = qmc.Sobol(middle.size, scramble=True, seed=self.seed)
+        sides = 2 * sobol.random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count] - 1
+        reach = np.log(spread) * np.array(REACHES)[np.arange(count) % len(REACHES)]
+        return np.vstack([middle, middle + reach[:, None] * sides])
+
+    def example(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Arguments of the right shapes for `compiled`."""
+        zeros = np.zeros(LANES, int)
+        return self.points()[zeros], {name: x[zeros] for name, x in self.tuner.scenarios().items()}
+
+    def look(self, tick: Callable[[int, int], None] = lambda runs, sets: None) -> Screened:
+        """Look at them all.
+
+        Args:
+            tick: told after every bundle how many runs it held, and how many gain sets are still looked at.
+
+        Raises:
+            RuntimeError: every run of every set diverges, or what goals or limits are multiples of is 0.
+        """
+        points, few = self.points(), min(FEW, self.size)
+        values, ok = self._runs(points, range(few), tick)
+        runs, lost = ok.size, int(np.sum(~ok.any(axis=1)))
+        unit = 0 if ok[0].any() else _soundest(self.tuner.objective, values, ok)
+        kept, place = np.arange(len(points)), unit  # sets still looked at, and which of them is the unit
+        while True:
+            excess, goal = self._ranks(values, ok, place)
+            order = np.lexsort((goal, excess))
+            if few == self.size:
+                break
+            stay = np.unique(np.r_[0, place, order[: max(KEPT, len(kept) // SHARE)]])
+            more = range(few, min(SHARE * few, self.size))
+            kept, place, few = kept[stay], int(np.searchsorted(stay, place)), more.stop
+            further = self._runs(points[kept], more, tick)
+            runs += further[1].size
+            values, ok = (
+                np.concatenate([old[stay], new], axis=-1) for old, new in zip((values, ok), further, strict=True)
+            )
+        ranks = np.column_stack([excess, goal])[order]
+        return Screened(points[kept[order]], ranks, points[unit], len(points), lost, -(-runs // self.size))
+
+    def _runs(
+        self, points: np.ndarray, which: range, tick: Callable[[int, int], None]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Metrics (N, M, B) and ok (N, B) of every set in some scenarios of the ensemble."""
+        roll, scenarios = self.compiled or self.tuner.roll, self.tuner.scenarios()
+        sets, runs = np.repeat(np.arange(len(points)), len(which)), np.tile(which, len(points))
+        values, ok = [], []
+        for i in range(0, len(sets), LANES):
+            at = np.minimum(np.arange(i, i + LANES), len(sets) - 1)  # the last is repeated
+            bundle = roll(points[sets[at]], {name: x[runs[at]] for name, x in scenarios.items()})
+            count = min(LANES, len(sets) - i)
+            values.append(np.asarray(bundle[0])[:, :count])
+            ok.append(np.asarray(bundle[1])[:count])
+            tick(count, len(points))
+        table = np.concatenate(values, axis=1).reshape(-1, len(points), len(which))
+        return table.transpose(1, 0, 2), np.concatenate(ok).reshape(len(points), len(which))
+
+    def _ranks(self, values: np.ndarray, ok: np.ndarray, unit: int) -> tuple[np.ndarray, np.ndarray]:
+        """Sums of excesses (N,) and goals (N,), in multiples of those of one set in the same scenarios."""
+        objective, tuner = self.tuner.objective._replace(weights=None), self.tuner
+        baseline = objective.baseline(values[unit], ok[unit]) if tuner.budget is None else tuner.budget
+        score = jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
+        excess, goal = objective.ranks(score(jnp.asarray(values), jnp.asarray(ok)))
+        nothing = ~ok.any(axis=1)  # sets that lose every run are alike, and last
+        return np.where(nothing, np.inf, excess), np.where(nothing, np.inf, goal)
+
+
+def _soundest(objective: Objective, values: np.ndarray, ok: np.ndarray) -> int:
+    """The set with the fewest runs that diverge, and of these the smallest goals; where those of the start all do."""
+    if not ok.any():
+        raise RuntimeError(
+            f"every run diverges, of the starting gains and of {len(ok) - 1} other gain sets: nothing to tune from"
+        )
+    goals = [objective.names.index(goal.metric) for goal in objective.goals]
+    means = np.array(
+        [
+            np.mean(v[goals][:, o], axis=1) if o.any() else np.full(len(goals), np.inf)
+            for v, o in zip(values, ok, strict=True)
+        ]
+    )
+    sizes = np.sum(means / np.median(means[ok.any(axis=1)], axis=0), axis=1)
+    return int(np.lexsort((sizes, -ok.sum(axis=1)))[0])

@@ -1,0 +1,112 @@
+"""The tables of a tuning report, and what they say in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import agvjax
+from agvjax.leaves import unit_of
+from agvjax.metric_table import METRICS
+
+from ..io.pages import grid
+from . import figures
+from .analysis import Findings
+from .judge import Summary
+from .rounds import Round
+
+
+def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
+    """Before, after and their ratio, as a Markdown table."""
+
+    def change(old: float, new: float) -> list[str]:
+        return [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
+
+    rows: list[list[object]] = [
+        [n, METRICS[n].unit, *change(before.mean[n], after.mean[n]), *change(before.worst[n], after.worst[n])]
+        for n in metrics
+        if not np.isnan(before.mean[n])  # no late error of a run that ends before it
+    ]
+    counts = {"diverged runs": (before.latched, after.latched), "not settled": (before.unsettled, after.unsettled)}
+    rows += [[name, f"of {before.size}", *pair, "", "", "", ""] for name, pair in counts.items()]
+    return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
+
+
+def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
+    """In a sentence, which means became better and which worse."""
+    parts: dict[str, list[str]] = {"better": [], "worse": [], "within 1 % of what it was": []}
+    for name in metrics:
+        old, new = before.mean[name], after.mean[name]
+        if not (np.isfinite(old) and np.isfinite(new) and old > 0):
+            continue
+        change = new / old - 1
+        kind = "better" if change < -0.01 else "worse" if change > 0.01 else "within 1 % of what it was"
+        parts[kind].append(name if abs(change) <= 0.01 else f"{name} {change:+.0%}")
+    told = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in parts.items() if names)
+    return f"On average over the scenarios not tuned on, {told}." if told else ""
+
+
+def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
+    """Gains before and after, with the margin to each stability condition."""
+    old, new = agvjax.leaves(before), agvjax.leaves(after)
+    rows = []
+    for name in dict.fromkeys([*names, *stability]):
+        bound = stability.get(name)
+        condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{float(new[name]) - bound:.4g}"]
+        values = [f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", unit_of(after, name)]
+        rows.append([name, *values, *(condition if stability else [])])
+    return grid(["gain", "before", "after", "unit", *(["must exceed", "margin"] if stability else [])], rows)
+
+
+def standings(findings: Findings) -> str:
+    """Where every requirement stands, and by how much a gain moves it."""
+    rows = []
+    for s in findings.standings:
+        kind = "limit" if s.limit else "goal"
+        state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
+        price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
+        value = f"{s.value:.5g} {METRICS[s.requirement.metric].unit}"
+        slopes = [figures.signed(x) for x in s.slopes]
+        rows.append([s.requirement.name, kind, value, f"{s.level:.4f}", state, price, *slopes])
+    return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
+
+
+def identifiability(findings: Findings) -> list[str]:
+    """What the data cannot tell, in words."""
+    names, (strength, weakest, alike) = findings.names, findings.identifiability
+    if len(names) < 2:
+        return []
+    weak = sorted(zip(names, weakest, strict=True), key=lambda pair: -abs(pair[1]))
+    mixture = ", ".join(f"{x:+.2f} {name}" for name, x in weak if abs(x) > 0.2)
+    sentences = [
+        f"The combination of gains felt least is ({mixture}), in relative changes:"
+        f" {strength[-1] / strength[0]:.1e} of the one felt most."
+    ]
+    sentences += [
+        f"{names[i]} and {names[j]} cannot be told apart: they do the same to every metric of every scenario (cosine"
+        f" {cosine:+.3f})."
+        for i, j, cosine in alike
+    ]
+    felt = np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
+    flat = [name for name, largest in zip(names, felt, strict=True) if largest < 1e-4]
+    if flat:
+        sentences.append(f"Not felt at all, to first order: {', '.join(flat)}.")
+    return sentences
+
+
+def rounds(
+    rows: Sequence[Round], bounds: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None
+) -> str:
+    """What every round came to; beside it the limits on the worst, and the starting gains where the last one looked."""
+    last = max((r.round for r in rows), default=0)
+    heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"]
+    cells = [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows]
+    for head, values in (("limit", bounds), ("there with the starting gains", start)):
+        if values is not None:
+            heads.append(head)
+            for cell, r in zip(cells, rows, strict=True):
+                told = r.metric in values and (values is bounds or r.round == last)
+                cell.append(f"{values[r.metric]:.5g}" if told else "")
+    return grid(heads, cells)
