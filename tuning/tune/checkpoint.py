@@ -125,11 +125,15 @@ def _screened(saved: dict[str, Any], gains: int) -> Screened | None:
     parts = {name: saved[f"screened/{name}"] for name in Screened._fields if f"screened/{name}" in saved}
     if not parts:
         return None
-    counts = {name: int(parts[name]) for name in ("looked", "lost", "rollouts")}
+    looked, lost, rollouts = (int(parts[name]) for name in ("looked", "lost", "rollouts"))
     sizes = [parts["places"].shape[1:], parts["unit"].shape, parts["ranks"].shape]
-    if sizes != [(gains,), (gains,), (len(parts["places"]), 2)] or min(counts.values()) < 0 or not len(parts["places"]):
+    if (
+        sizes != [(gains,), (gains,), (len(parts["places"]), 2)]
+        or min(looked, lost, rollouts) < 0
+        or not len(parts["places"])
+    ):
         raise ValueError("it holds gain sets of another problem")
-    return Screened(**parts | counts)
+    return Screened(parts["places"], parts["ranks"], parts["unit"], looked, lost, rollouts)
 
 
 def _row(row: np.ndarray, width: int) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ import functools
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -105,7 +106,7 @@ def _unit(outcome: Outcome) -> list[str]:
     run, (config, tuner, *_) = outcome.run, outcome.problem
     if run.screened is None or np.array_equal(run.screened.unit, tuner.gains.coordinates(config.controller)):
         return []
-    values = tuner.gains.values(run.screened.unit, config.controller)
+    values = tuner.gains.values(jnp.asarray(run.screened.unit), config.controller)
     gains = ", ".join(f"{name} = {x:.3g}" for name, x in zip(tuner.gains.names, values, strict=True))
     return [f"every run diverges with the starting gains: goals and limits are multiples of what {gains} achieve"]
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Array
-from scipy.stats import qmc
 
 import agvjax
 from agvjax.check import Fault, InputError
@@ -23,7 +22,7 @@ from ..ensemble.worst import Adversary, batch_of
 from .gains import Gains
 from .methods.objective import STATISTICS, Objective, Requirement
 from .rules import faults
-from .screen import Screen
+from .screen import Screen, sobol
 from .tuner import Tuner
 
 
@@ -100,9 +99,7 @@ def starts(problem: TuningProblem) -> list[Array]:
     more = config.tune.starts - 1
     if not more:
         return [middle]
-    points = qmc.Sobol(len(gains.names), scramble=False).random_base2(int(np.ceil(np.log2(more + 1))))[1 : more + 1]
-    points = (points + np.random.default_rng(config.seed).random(len(gains.names))) % 1
-    shift = np.log(config.tune.spread) * (2 * points - 1)
+    shift = np.log(config.tune.spread) * (2 * sobol(more, len(gains.names), config.seed) - 1)
     return [middle, *(middle + jax.numpy.asarray(row, middle.dtype) for row in shift)]
 
 

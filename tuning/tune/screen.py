@@ -30,6 +30,12 @@ REACHES = (1, 3, 6)  # a third of the sets each, as powers of `tune.spread`: 3, 
 APART = 0.7  # between places to begin at, in the coordinates: one gain about twice as large
 
 
+def sobol(count: int, size: int, seed: int) -> np.ndarray:
+    """Sobol points in the unit cube (count, size), all moved by one random vector, modulo 1."""
+    points = qmc.Sobol(size, scramble=False).random_base2(int(np.ceil(np.log2(count + 1))))[1 : count + 1]
+    return (points + np.random.default_rng(seed).random(size)) % 1
+
+
 class Screened(NamedTuple):
     """What was seen of many gain sets."""
 
@@ -70,8 +76,7 @@ class Screen:
         """The gain sets (N, K): the configured gains, then Sobol points about them, near and far by turns."""
         count, spread = self.tuner.settings.screen, self.tuner.settings.spread
         middle = np.asarray(self.tuner.gains.coordinates(self.tuner.controller))
-        sobol = qmc.Sobol(middle.size, scramble=True, seed=self.seed)
-        sides = 2 * sobol.random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count] - 1
+        sides = 2 * sobol(count, middle.size, self.seed) - 1
         reach = np.log(spread) * np.array(REACHES)[np.arange(count) % len(REACHES)]
         return np.vstack([middle, middle + reach[:, None] * sides])
 
@@ -119,7 +124,7 @@ class Screen:
         values, ok = [], []
         for i in range(0, len(sets), LANES):
             at = np.minimum(np.arange(i, i + LANES), len(sets) - 1)  # the last is repeated
-            bundle = roll(points[sets[at]], {name: x[runs[at]] for name, x in scenarios.items()})
+            bundle = roll(jnp.asarray(points[sets[at]]), {name: x[runs[at]] for name, x in scenarios.items()})
             count = min(LANES, len(sets) - i)
             values.append(np.asarray(bundle[0])[:, :count])
             ok.append(np.asarray(bundle[1])[:count])
@@ -129,8 +134,8 @@ class Screen:
 
     def _ranks(self, values: np.ndarray, ok: np.ndarray, unit: int) -> tuple[np.ndarray, np.ndarray]:
         """Sums of excesses (N,) and goals (N,), in multiples of those of one set in the same scenarios."""
-        objective, tuner = self.tuner.objective._replace(weights=None), self.tuner
-        baseline = objective.baseline(values[unit], ok[unit]) if tuner.budget is None else tuner.budget
+        objective, budget = self.tuner.objective._replace(weights=None), self.tuner.budget
+        baseline = objective.baseline(jnp.asarray(values[unit]), jnp.asarray(ok[unit])) if budget is None else budget
         score = jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
         excess, goal = objective.ranks(score(jnp.asarray(values), jnp.asarray(ok)))
         nothing = ~ok.any(axis=1)  # sets that lose every run are alike, and last

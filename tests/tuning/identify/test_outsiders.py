@@ -353,7 +353,7 @@ def test_a_time_that_is_no_whole_date_is_answered_with_what_to_write(tmp_path, s
     header, *lines = Path(written(tmp_path / "log.csv", circling())).read_text().splitlines()
     dated = [",".join([stamp, *line.split(",")[1:]]) for line in lines]
     (tmp_path / "log.csv").write_text("\n".join([header, *dated]))
-    with pytest.raises(agvjax.InputError, match="row 2, column t.* must be seconds, or a date with a time of day as in"):
+    with pytest.raises(agvjax.InputError, match="row 2, column t.* must be seconds, or a date with a time of day"):
         load(str(tmp_path / "log.csv"), agvjax.Unicycle(), {})
 
 
