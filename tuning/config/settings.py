@@ -96,7 +96,7 @@ def default_goals(known: Collection[str] = METRICS, horizon: object = np.inf) ->
     """
     goals = {"total_rmse": Weights(mean=1.0, worst=0.3)}
     if isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late):
-        goals |= {name: Weights(mean=0.025, worst=0.0075) for name in LATE if name in known}
+        goals |= {name: Weights(mean=0.025) for name in LATE if name in known}
     return goals
 
 
