@@ -6,6 +6,7 @@ import argparse
 
 from agvjax import InputError
 
+from ..config.complete import by_whole_error
 from ..studies.laws import page, study
 from ..studies.paper import cases
 from ..tune.rules import faults, moving
@@ -16,6 +17,7 @@ from .prepare import configure
 def run(arguments: argparse.Namespace) -> int:
     """Tune every law to one command budget; write table, figure and report."""
     config, console = configure(arguments, faults, moving=moving)
+    config = by_whole_error(config)
     if bad := cases.faults(config.controller, config.scenario):
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)

@@ -7,6 +7,7 @@ import argparse
 from agvjax import Fault, InputError
 
 from .. import config as configuration
+from ..config.complete import by_whole_error
 from ..config.load import VEHICLES
 from ..io import files
 from ..tune.rules import faults
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("--config", name, rule) for name in arguments.config])
     console = configure(arguments, faults)[1]
     settings, imports = overrides(arguments), arguments.imports
-    configs = {name: configuration.load([name], settings, faults, imports=imports) for name in VEHICLES}
+    configs = {name: by_whole_error(configuration.load([name], settings, faults, imports=imports)) for name in VEHICLES}
     out = new_folder(arguments.out, arguments.command)
     for name, config in configs.items():
         files.write(out / f"config-{name}.toml", configuration.dump(config))

@@ -11,7 +11,17 @@ import agvjax
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import Usual, correlated, default_draws
-from .settings import SWEPT_METRICS, Config, Ensemble, Sweep, Tune, default_goals, default_limits, default_over
+from .settings import (
+    SWEPT_METRICS,
+    WHOLE_ERROR,
+    Config,
+    Ensemble,
+    Sweep,
+    Tune,
+    default_goals,
+    default_limits,
+    default_over,
+)
 
 Section = TypeVar("Section", Ensemble, Tune, Sweep)
 
@@ -40,6 +50,14 @@ def complete(config: Config) -> Config:
     metrics = tuple(name for name in SWEPT_METRICS if name in known)
     sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)
+
+
+def by_whole_error(config: Config) -> Config:
+    """A completed configuration, its goal that of `paper-goal` where it is the default one: studies compare by it."""
+    usual = default_goals(metrics_of(config.scenario.plant), config.simulate.horizon)
+    if config.tune.goals != usual:
+        return config
+    return dataclasses.replace(config, tune=dataclasses.replace(config.tune, goals=dict(WHOLE_ERROR)))
 
 
 def _filled(section: Section, **defaults: object) -> Section:

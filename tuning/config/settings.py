@@ -88,13 +88,16 @@ class Limit:
     absolute: bool = False
 
 
+WHOLE_ERROR = {"total_rmse": Weights(mean=1.0, worst=0.3)}  # the goal of the preset paper-goal
+
+
 def default_goals(known: Collection[str] = METRICS, horizon: object = np.inf) -> dict[str, Weights]:
     """The error of the whole run, which is that of its start, and of each channel what is left after the start.
 
     A late error weighs a fortieth: little enough that the whole error hardly suffers, enough that no late error of the
     paper's law rises (docs/tuning.md has what other weights do). Runs shorter than twice the start have none.
     """
-    goals = {"total_rmse": Weights(mean=1.0, worst=0.3)}
+    goals = dict(WHOLE_ERROR)
     if isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late):
         goals |= {name: Weights(mean=0.025) for name in LATE if name in known}
     return goals

@@ -73,9 +73,9 @@ def of_run(run: agvjax.Trajectory) -> Told:
 
 
 def tuned(config: Config) -> Any:  # a sampled law, as the presets have it
-    """The gains that the configured problem ends with; the search for the worst case is left to `agvjax tune`."""
+    """The gains that a search from the configured ones ends with; all else is left to `agvjax tune`."""
     brief = dataclasses.replace(config.tune.search, rounds=0, starts=1, iterations=1, scouts=1, checks=0)
-    brief = dataclasses.replace(config, tune=dataclasses.replace(config.tune, search=brief))
+    brief = dataclasses.replace(config, tune=dataclasses.replace(config.tune, search=brief, screen=0))
     return solve(pose(brief)).controller
 
 
