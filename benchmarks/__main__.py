@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, gradient, rollout, sampled, startup, sweep, tuning
+from . import accuracy, figure, gradient, problems, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -25,6 +25,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "accuracy": lambda turns: _alone(accuracy.measure),
     "tuning": tuning.measure,
     "sampled": sampled.measure,
+    "problems": lambda turns: problems.measure(),
     "sweep": sweep.measure,
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel")
@@ -35,7 +36,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
+    parser.add_argument("--seeds", type=int, default=1, help="of each problem")
+    parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
+    parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     given = parser.parse_args()
+    PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or ())
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     RESULTS.mkdir(exist_ok=True)
