@@ -13,7 +13,8 @@ from .screen import Screened
 from .tuner import HISTORY, Progress
 
 COLUMNS = ("round", "start", *HISTORY)
-PLACES = 4  # of the screening are tried, one after another, where no gradient is of use
+PLACES = 4  # of the screening are tried, one after another, where gradients are of no use or gain little
+LITTLE = 0.05  # share of the cost: a search that gains no more over gain sets thrown at random has hardly got anywhere
 
 
 class Round(NamedTuple):
@@ -118,7 +119,8 @@ def solve(
             each(run)
         lead = run.lead
         reason = _hindrance(lead)
-        if reason and before is None and (elsewhere := _elsewhere(problem, run)):
+        stuck = reason or (problem.tuner.method.jacobian and _gained(lead) < LITTLE)
+        if stuck and before is None and (elsewhere := _elsewhere(problem, run)):
             run = elsewhere
             continue
         if reason and before is not None:
@@ -147,6 +149,12 @@ def _hindrance(lead: Progress) -> str:
         advice = "other starting gains may help, or tune.starts = 8, which begins at more; agvjax doctor tells more"
         return f"no gradient at the starting gains was of use: not one step was taken; {advice}"
     return ""
+
+
+def _gained(lead: Progress) -> float:
+    """The share by which a search lowered the cost."""
+    costs = [row[HISTORY.index("cost")] for row in lead.history]
+    return 1 - float(np.nanmin(costs)) / costs[0]
 
 
 def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
