@@ -43,10 +43,11 @@ def main() -> None:
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or ())
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES with 20 times our rollouts, at most {given.most}."}
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)
-        kept = {"part": name, "machine": machine(), "rows": rows}
+        kept = {"part": name, "machine": machine(), "rows": rows} | ({"note": notes[name]} if name in notes else {})
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
@@ -95,6 +96,7 @@ def table(kept: dict[str, Any]) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key != "curves"]
     lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
+    lines += [kept["note"], ""] if "note" in kept else []
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
         cells = [row.get(column, "") for column in columns]
