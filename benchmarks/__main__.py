@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, gradient, rollout, sampled, startup, sweep, tuning
+from . import accuracy, figure, gradient, problems, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -25,6 +25,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "accuracy": lambda turns: _alone(accuracy.measure),
     "tuning": tuning.measure,
     "sampled": sampled.measure,
+    "problems": lambda turns: problems.measure(),
     "sweep": sweep.measure,
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel")
@@ -35,13 +36,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
+    parser.add_argument("--seeds", type=int, default=1, help="of each problem")
+    parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
+    parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     given = parser.parse_args()
+    PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or ())
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES with 20 times our rollouts, at most {given.most}."}
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)
-        kept = {"part": name, "machine": machine(), "rows": rows}
+        kept = {"part": name, "machine": machine(), "rows": rows} | ({"note": notes[name]} if name in notes else {})
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
@@ -90,6 +96,7 @@ def table(kept: dict[str, Any]) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key != "curves"]
     lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
+    lines += [kept["note"], ""] if "note" in kept else []
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
         cells = [row.get(column, "") for column in columns]

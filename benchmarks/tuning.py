@@ -82,7 +82,7 @@ def contest(
             return value
 
         try:
-            _search(method, cost, start, seed)
+            search(method, cost, start, seed)
         except Spent:
             pass
     return {
@@ -94,20 +94,21 @@ def contest(
     }
 
 
-def _search(method: str, cost: Callable[[Any], float], start: np.ndarray, seed: int) -> None:
-    """Look until the budget is spent; a method that ends by itself begins again elsewhere."""
-    random = np.random.default_rng(1000 + seed)
+def search(method: str, cost: Callable[[Any], float], start: np.ndarray, seed: int, elsewhere: bool = False) -> None:
+    """Look until the budget is spent; a method that ends by itself begins again, CMA-ES `elsewhere` only if told."""
+    random, first = np.random.default_rng(1000 + seed), start
     if method == "cma":
         import cma
 
         popsize = None
         while True:
             options = {"seed": seed + 1, "verbose": -9} | ({"popsize": popsize} if popsize else {})
-            search = cma.CMAEvolutionStrategy(start, 0.3, options)
-            while not search.stop():
-                points = search.ask()
-                search.tell(points, [cost(z) for z in points])
-            popsize = 2 * search.popsize  # restarts of growing size (IPOP)
+            strategy = cma.CMAEvolutionStrategy(start, 0.3, options)
+            while not strategy.stop():
+                points = strategy.ask()
+                strategy.tell(points, [cost(z) for z in points])
+            popsize = 2 * strategy.popsize  # restarts of growing size (IPOP)
+            start = first + random.uniform(-BOX, BOX, first.size) if elsewhere else first
     if method == "tpe":
         import optuna
 

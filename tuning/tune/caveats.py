@@ -68,7 +68,8 @@ def unseen(
     restless_before, restless = (int(np.sum(~settled(metrics) & metrics.ok)) for metrics in (before, after))
     if restless:
         counts = f"{restless} of {kept.size} validation runs have not settled within {band:g} m and rad of the path"
-        (failures if long and restless > kept.size / 2 else cautions).append(f"{counts} ({restless_before} before)")
+        past = f"{restless_before} before" if kept_before.any() else "all diverged before"
+        (failures if long and restless > kept.size / 2 else cautions).append(f"{counts} ({past})")
     if kept_before.any():
         baseline = everyone.baseline(*everyone.values(before))
         levels = np.asarray(everyone.levels(*everyone.values(after), baseline))[: len(objective.goals)]

@@ -136,4 +136,5 @@ def in_units_of(problem: TuningProblem, z: np.ndarray) -> TuningProblem:
     if tuner.budget is not None or np.array_equal(z, middle):
         return problem
     budget = tuner.objective.baseline(*tuner.judged(jax.numpy.asarray(z, middle.dtype)))
-    return problem._replace(tuner=dataclasses.replace(tuner, budget=budget))
+    compiled = tuner.push if tuner.forward else None
+    return problem._replace(tuner=dataclasses.replace(tuner, budget=budget, compiled=compiled))

@@ -13,7 +13,8 @@ from .screen import Screened
 from .tuner import HISTORY, Progress
 
 COLUMNS = ("round", "start", *HISTORY)
-PLACES = 4  # of the screening are tried, one after another, where no gradient is of use
+PLACES = 4  # of the screening are tried, one after another, where gradients are of no use or gain little
+LITTLE = 0.05  # share of the cost: a search that gains no more over gain sets thrown at random has hardly got anywhere
 
 
 class Round(NamedTuple):
@@ -135,12 +136,13 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
 
 
 def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
-    """The run with all searches finished; where the first ones come to nothing, with others from further places."""
+    """The run with all searches finished; where the first gain little or nothing, with others from further places."""
     while True:
         while not all(problem.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
-        further = _elsewhere(problem, run) if _hindrance(run.lead) and run.round == 0 else None
+        stuck = _hindrance(run.lead) or (problem.tuner.method.jacobian and _gained(run.lead) < LITTLE)
+        further = _elsewhere(problem, run) if stuck and run.round == 0 else None
         if further is None:
             return run
         run = further
@@ -162,6 +164,12 @@ def _hindrance(lead: Progress) -> str:
         advice = "other starting gains may help, or tune.starts = 8, which begins at more; agvjax doctor tells more"
         return f"no gradient at the starting gains was of use: not one step was taken; {advice}"
     return ""
+
+
+def _gained(lead: Progress) -> float:
+    """The share by which a search lowered the cost."""
+    costs = [row[HISTORY.index("cost")] for row in lead.history]
+    return 1 - float(np.nanmin(costs)) / costs[0]
 
 
 def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:

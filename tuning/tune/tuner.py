@@ -213,8 +213,9 @@ class Tuner:
         )
 
     def advance_all(self, searches: list[Progress]) -> list[Progress]:
-        """One iteration of every search that has not finished; all look in one batch."""
-        if len(searches) == 1 or not self.forward or self.fresh is not None:
+        """One iteration of every search that has not finished; all look in one batch, unless one alone goes on."""
+        going = sum(not self.finished(p) for p in searches)
+        if going == 1 or not self.forward or self.fresh is not None:
             return [p if self.finished(p) else self.advance(p) for p in searches]
         values, ok, slopes = self.push_all(jnp.stack([p.z for p in searches]), self.scenarios())
         models = [(values[i], ok[i], slopes[i]) for i in range(len(searches))]

@@ -56,6 +56,13 @@ def test_a_class_of_each_kind_is_known_by_its_name_and_written_with_its_file():
     assert load([], [*inside, "controller.vehicle.R=0.1"], imports=[OWN]).controller.vehicle.R == 0.1
 
 
+@pytest.mark.parametrize("preset", ["unicycle", "car", "robot"])
+def test_a_law_of_ones_own_takes_the_place_of_a_presets(preset, tmp_path):
+    (mine := tmp_path / "mine.toml").write_text('[controller]\ninner = { type = "Spring", kp = 3.0 }\n')
+    assert load([preset, str(mine)], imports=[OWN]).controller.inner.kp == 3.0
+    assert load([preset], ["controller.inner.k1=4"]).controller.inner.k1 == 4.0
+
+
 def test_a_plant_with_three_actuators_is_a_problem_to_tune_and_to_sweep():
     wheels = ("wheel_1", "wheel_2", "wheel_3")
     config = load([], OMNI, tune_rules.faults, imports=[OWN])

@@ -51,6 +51,11 @@ def test_most_runs_unsettled_is_a_failure_and_few_are_a_caution():
     assert failures[0].startswith("3 of 4 validation runs have not settled") and cautions == []
 
 
+def test_where_all_diverged_before_none_had_settled_either():
+    failures, _ = said(metrics([np.inf] * 4, ok=False), metrics([0.1] * 4, settled=False))
+    assert failures[0].endswith("(all diverged before)")
+
+
 def test_runs_too_short_to_settle_are_a_caution():
     runs = metrics([0.2] * 4, settled=False), metrics([0.1] * 4, settled=False)
     failures, cautions = caveats.unseen(Objective(goals=GOAL, limits=()), *runs, None, 0.05, long=False)

@@ -1,5 +1,7 @@
 """Where a search begins: of many gain sets the better ones get more scenarios, and what was lost is counted."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from tuning import (
 )
 from tuning.tune.checkpoint import load, save
 from tuning.tune.gains import Gains
+from tuning.tune.problem import TuningProblem
 from tuning.tune.rounds import begin, solve
 from tuning.tune.screen import KEPT, LANES, Screen
 
@@ -153,3 +156,35 @@ def test_a_law_that_loses_every_run_is_tuned_all_the_same_and_goes_on_where_it_s
     np.testing.assert_array_equal(again.progress.best_z, whole.progress.best_z)
     assert again.run.history == whole.run.history
     np.testing.assert_array_equal(again.run.screened.places, whole.run.screened.places)
+
+
+class Nobody:
+    """Looks for no worst scenario."""
+
+    def search(self, z, round_):
+        return []
+
+
+@pytest.mark.parametrize(("floor", "searches"), [(1.0, 2), (3.0, 1)])
+def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, searches):
+    """A plateau at `floor` about the start, without slopes, in a cone that falls to .2 elsewhere."""
+    middle, tip = np.log([20.0, 12.0]), np.log([20.0, 12.0]) + [2.0, -1.5]
+
+    def runs(z, amplitude):
+        gap = np.linalg.norm(z - tip, axis=-1)
+        level = np.where(np.linalg.norm(z - middle, axis=-1) < 1, floor, 0.2 + 0.9 * gap) + 0 * amplitude
+        return np.stack([level, np.ones_like(level)]), np.ones(len(level), bool)
+
+    def model(z, scenarios):
+        flat = np.linalg.norm(z - middle) < 1
+        slope = np.where(flat, 0.0, 0.9 * (z - tip) / max(np.linalg.norm(z - tip), 1e-9))
+        slopes = np.stack([slope, np.zeros(2)], axis=1)[:, :, None]
+        return *runs(z, np.zeros(SIZE)), np.broadcast_to(slopes, (2, 2, SIZE))
+
+    screen, _ = far_from(runs, count=7)
+    tuner = dataclasses.replace(screen.tuner, compiled=model)
+    config = Config(tune=Tune(screen=7), ensemble=Ensemble(size=SIZE))
+    outcome = solve(TuningProblem(config, tuner, Nobody(), dataclasses.replace(screen, tuner=tuner)))
+    assert len(outcome.run.searches) == searches
+    np.testing.assert_allclose(outcome.progress.best_z, tip, atol=0.05)
+    assert outcome.run.total("rollouts") > sum(p.rollouts for p in outcome.run.searches)
