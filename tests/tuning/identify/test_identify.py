@@ -28,6 +28,7 @@ from tuning.identify.load import load
 from tuning.identify.log import together
 from tuning.identify.segments import Segments, cut, noise
 from tuning.io.csv_file import Column
+from tuning.tune import rules as tune_rules
 
 LOGS = ROOT / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
@@ -222,7 +223,7 @@ def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_v
                 "draws": {"start.position": {"between": [-0.5, 0.5]}, "start.heading": {"between": [-0.5, 1.0]}},
             },
         },
-        "tune",
+        tune_rules.faults,
     )
     parts = {name: getattr(true, name) for name in ("plant", "deadzone", "actuators", "disturbance")}
     known = dataclasses.replace(
