@@ -20,6 +20,8 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
 }
 
+LATER = {"tune.screen"}  # keys that earlier releases did not have: a run of theirs goes on without what they ask for
+
 
 def warned(text: str) -> None:
     """What is old, to whoever wrote it in Python."""
@@ -82,7 +84,7 @@ def difference(old: str, new: str) -> str:
         ValueError: one of them is no TOML.
     """
     before, now = (dict(flat(present(toml(text), lambda name: None), ())) for text in (old, new))
-    gone = {key for key, value in before.items() if key in RETIRED and not value}
+    gone = {key for key, value in before.items() if key in RETIRED and not value} | (LATER - set(before))
     keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key) and key not in gone]
     lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
     return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in lines if key in table)
