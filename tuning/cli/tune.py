@@ -70,7 +70,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
     def each(run: Run) -> None:
         if signals:
             raise KeyboardInterrupt
-        row = max(run.searches, key=lambda p: p.iteration).history[-1]
+        row = next(p for p in reversed(run.searches) if p.history).history[-1]
         notes = f"cost {row[1]:.4f} best {run.lead.best[1]:.4f} |grad| {row[5]:.2g} latched {row[4]:.0f}"
         bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
         bar.update()

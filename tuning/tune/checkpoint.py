@@ -47,18 +47,19 @@ class Recorder:
 
     def record(self, run: Run) -> None:
         """After an iteration: a line of the log, and now and then the checkpoint."""
+        before = [len(p.history) for p in self.run.searches] if self.run.round == run.round else []
         self.run = run
-        last = max(p.iteration for p in run.searches)
-        rows = [(run.round, i, *p.history[-1]) for i, p in enumerate(run.searches) if p.iteration == last]
+        looked = [(i, p) for i, p in enumerate(run.searches) if len(p.history) > (before[i] if i < len(before) else 0)]
         with (self.folder / LOG).open("a", encoding="utf-8") as file:
-            file.writelines(_line(self.names, row) for row in rows)
-        if last % self.problem.config.tune.checkpoint_every == 0:
+            file.writelines(_line(self.names, (run.round, i, *p.history[-1])) for i, p in looked)
+        if max((p.iteration for _, p in looked), default=1) % self.problem.config.tune.checkpoint_every == 0:
             save(self.folder, run)
 
     def close(self) -> None:
         """Also after Ctrl-C: checkpoint, history and the best gains so far."""
         if self.run.lead.history:
             save(self.folder, self.run)
+            write(self.folder / LOG, "".join(_line(self.names, row) for row in self.run.history))
             rows = [_whole(row) for row in self.run.history]
             write_csv(self.folder / "history.csv", (*COLUMNS, *self.names), rows)
             if np.isfinite(self.run.lead.best[1]):

@@ -165,8 +165,8 @@ class Nobody:
         return []
 
 
-@pytest.mark.parametrize(("floor", "searches"), [(1.0, 2), (3.0, 1)])
-def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, searches):
+@pytest.mark.parametrize(("floor", "others"), [(1.0, True), (3.0, False)])
+def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, others):
     """A plateau at `floor` about the start, without slopes, in a cone that falls to .2 elsewhere."""
     middle, tip = np.log([20.0, 12.0]), np.log([20.0, 12.0]) + [2.0, -1.5]
 
@@ -185,6 +185,6 @@ def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, sea
     tuner = dataclasses.replace(screen.tuner, compiled=model)
     config = Config(tune=Tune(screen=7), ensemble=Ensemble(size=SIZE))
     outcome = solve(TuningProblem(config, tuner, Nobody(), dataclasses.replace(screen, tuner=tuner)))
-    assert len(outcome.run.searches) == searches
+    assert (len(outcome.run.searches) > 1) == others
     np.testing.assert_allclose(outcome.progress.best_z, tip, atol=0.05)
     assert outcome.run.total("rollouts") > sum(p.rollouts for p in outcome.run.searches)
