@@ -9,7 +9,7 @@ import numpy as np
 
 import agvjax
 
-from ..io.csv_file import UNITS, Column, names, read
+from ..io.csv_file import KINDS, UNITS, Column, names, read
 from .spellings import Toml, column, numbers
 
 
@@ -105,14 +105,6 @@ RECIPES: dict[type, Recipe] = {
 }
 
 
-KINDS = {
-    "t": "s ms us ns",
-    "x": "m cm mm",
-    "y": "m cm mm",
-    "speed": "m/s mm/s km/h",
-}  # units; of a disturbance SI alone
-
-
 def _source(table: Mapping[str, Toml], inline: str) -> str:
     """Which of the two ways the numbers are given."""
     if "file" in table and inline in table:
@@ -161,7 +153,7 @@ def _places(table: Mapping[str, Toml], known: Sequence[str]) -> dict[str, Column
             _wrong(f"columns.{name}", value, str(error))
         if where[name].nanoseconds and name != "t":
             _wrong(f"columns.{name}.nanoseconds", where[name].nanoseconds, "left out but for t")
-        units = KINDS.get(name, "").split() if known[0] != "t" or name == "t" else []
+        units = KINDS[name].split() if known[0] != "t" or name == "t" else []  # of a disturbance SI alone
         if where[name].unit and where[name].unit not in units:
             _wrong(f"columns.{name}.unit", where[name].unit, f"one of {', '.join(units)}" if units else "absent")
     taken = {place.column for place in where.values()}

@@ -55,8 +55,8 @@ def faults(config: Config, moving: Sequence[Moving] = ()) -> list[Fault]:
         if config.precision == 32 and far > limit:
             rule = f"64 (--precision 64): {what} lies {far:.6g} m from the origin, and 32 bits tell places"
             wrong.append(Fault("precision", 32, f"{rule} {RESOLUTION:g} m apart up to {limit:.0f} m only"))
-    turned, most = abs(float(config.scenario.start.heading)), farthest(f"float{config.precision}")
-    if turned > most:
+    turned, most = float(config.scenario.start.heading), farthest(f"float{config.precision}")
+    if abs(turned) > most:
         rule = f"at most {most:.4g} in size: {config.precision} bits tell none {RESOLUTION:g} rad apart beyond"
         wrong.append(Fault("scenario.start.heading", turned, rule))
     extent = float(np.linalg.norm(way - way[0], axis=1).max())

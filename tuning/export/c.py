@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from agvjax import InputError
+from agvjax.engine.loop import farthest
 
 from . import guard, names, program
 from .artefact import Artefact, filled
@@ -78,8 +79,10 @@ def _functions(*programs: Program) -> set[str]:
 
 
 def _status(name: str) -> str:
-    words = enumerate(guard.STATUS.items())
-    return "\n".join(f"#define {name.upper()}_{word} {i} /* {meaning} */" for i, (word, meaning) in words)
+    coarse = "in single precision: the step was taken with a position beyond FAR, which a float does not tell to 1 mm"
+    words = enumerate((guard.STATUS | {"COARSE": coarse}).items())
+    lines = [f"#define {name.upper()}_{word} {i} /* {meaning} */" for i, (word, meaning) in words]
+    return "\n".join([*lines, f"#define {name.upper()}_FAR {farthest('float32'):.1f}f /* m */"])
 
 
 def _commented(text: str) -> str:

@@ -10,12 +10,9 @@ import numpy as np
 import agvjax
 from agvjax import Fault
 
-from ..io.csv_file import LARGEST, UNITS, Column, read
+from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read
 from .log import LEAST_ROWS, MEASURED, POSE, Log, commands_of
 from .plausible import implausible
-
-KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
-KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}
 
 
 def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column]) -> Log:

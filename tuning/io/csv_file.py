@@ -24,6 +24,9 @@ UNITS = {  # what one of the unit is in SI
     **{"m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
 }
 
+KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
+KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}  # units of our names
+
 
 class Column(NamedTuple):
     """A column of a file: its name there, its unit (empty: the SI unit), and a factor on its numbers.

@@ -10,6 +10,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import METRICS
 
+from ..config.settings import LATE
 from ..ensemble.worst import Found
 from .gains import Gains
 from .methods.objective import TOLERANCE, Objective
@@ -17,7 +18,7 @@ from .methods.objective import TOLERANCE, Objective
 WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
 MUCH_WORSE = 0.5  # the same of a metric that is no error
-ERRORS = ("rmse_late_x", "rmse_late_y", "rmse_late_heading", "longest_settling_time", "limited")
+ERRORS = (*LATE, "longest_settling_time", "limited")
 COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
 PEOPLE_LOOK_AT = dict.fromkeys(ERRORS, WORSE) | dict.fromkeys(COMMANDS, MUCH_WORSE)  # and by how much it must rise
 

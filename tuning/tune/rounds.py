@@ -174,7 +174,7 @@ def _gained(lead: Progress) -> float:
 
 def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
     """The run with a search from the next place of the screening; None where no other is worth it."""
-    places = run.screened.apart(max(PLACES, len(run.searches))) if run.screened is not None else []
+    places = run.screened.apart(PLACES) if run.screened is not None else []
     if len(places) <= len(run.searches):
         return None
     return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)])))

@@ -15,11 +15,13 @@ from tuning import Between, Config, Distribution, OneOf, Simulate, Span, Times, 
 from tuning.config import check, dump, load
 from tuning.config.load import resolve
 from tuning.config.rules import timing_faults
-from tuning.config.settings import Bound, Ensemble, Identify, Limit, Pareto, Search, Sweep, Tune, Weights
+from tuning.config.settings import WHOLE_ERROR, Bound, Ensemble, Identify, Limit, Pareto, Search, Sweep, Tune, Weights
 from tuning.ensemble.draws import Correlation
 from tuning.io.csv_file import Column
 from tuning.sweep import rules as sweep_rules
 from tuning.tune import rules as tune_rules
+from tuning.tune.methods.objective import Objective
+from tuning.tune.problem import requirements
 
 
 def again(config):
@@ -343,3 +345,17 @@ def test_the_rules_may_still_be_named():
         assert load([], [], "simulate").tune == load([]).tune
     with pytest.warns(DeprecationWarning), pytest.raises(InputError, match="tune.gains"):
         load([], ['tune.gains=["nope"]'], "tune")
+
+
+def test_the_goal_of_studies_the_preset_and_the_default_objective_are_one():
+    weights = load(["paper-goal"]).tune.goals
+    assert weights == WHOLE_ERROR
+    assert requirements(load(["paper-goal"]).tune).goals == Objective().goals
+
+
+def test_late_errors_are_goals_of_runs_that_last_and_of_what_the_plant_has():
+    late = {"rmse_late_x", "rmse_late_y", "rmse_late_heading"}
+    assert set(load([]).tune.goals) == {"total_rmse", *late}
+    assert set(load(["unicycle"]).tune.goals) == {"total_rmse", "rmse_late_x", "rmse_late_y"}
+    assert set(load([], ["simulate.horizon=7"]).tune.goals) == {"total_rmse"}
+    assert set(load([], ["tune.goals.effort=1"]).tune.goals) == {"effort"}
