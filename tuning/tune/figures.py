@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 import agvjax
 from agvjax.draw import plot
 
 from ..io.panels import panels
 from .analysis import Findings, Standing
+from .methods.objective import FEASIBLE
 from .rounds import COLUMNS, Run
 
 
@@ -22,42 +23,51 @@ def signed(x: float) -> str:
     return f"{x:+.2f}" if abs(x) >= 0.005 else "0"
 
 
-def history_figure(names: Sequence[str], run: Run) -> Figure:
-    """Cost, gradient norm and gains over the iterations of every round, of the best start."""
+def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Figure:
+    """Cost, gradient norm and gains, by those of `start`, over the iterations of every round, of its best search."""
     table = np.array(run.history)
+    column = {name: table[:, i] for i, name in enumerate(COLUMNS)}
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
-    lead = next(i for i, search in enumerate(run.searches) if search is run.lead)
-    others = sorted({(row[0], row[1]) for row in table})
-    offset = 0
-    for turn, start in others:
-        part = table[(table[:, 0] == turn) & (table[:, 1] == start)]
-        best = start == (lead if turn == run.round else 0)
-        iteration = offset + part[:, COLUMNS.index("iteration")]
-        if not best:
-            cost.plot(iteration, part[:, COLUMNS.index("cost")], color="0.85", lw=0.8, zorder=0)
-            continue
-        said = "_" if turn else ""  # one label a line, whatever the number of rounds
-        cost.plot(iteration, part[:, COLUMNS.index("cost")], color="0.6", lw=1, label=said + "cost = goal + penalty")
-        cost.plot(iteration, part[:, COLUMNS.index("goal")], color="tab:blue", lw=1.3, label=said + "goal")
-        norm.semilogy(iteration, part[:, COLUMNS.index("gradient_norm")], color="tab:orange", lw=1)
-        values = part[:, len(COLUMNS) :]
-        for k, name in enumerate(names):
-            gain.semilogy(
-                iteration, values[:, k] / table[0, len(COLUMNS) + k], color=f"C{k}", lw=1.2, label=said + name
-            )
-        if turn < run.round:
-            offset += len(part)
-    low = np.nanmin(table[:, COLUMNS.index("goal")])
-    top = max(table[0, COLUMNS.index("cost")], low)
-    cost.set(ylabel="sum of weighed goals", ylim=(0.98 * low, 1.05 * top))
+    offset, low, top = 0, np.inf, -np.inf
+    for turn in range(run.round + 1):
+        lead = _lead(run, table, turn)
+        for search in np.unique(column["start"][column["round"] == turn]):
+            rows = (column["round"] == turn) & (column["start"] == search)
+            iteration = offset + column["iteration"][rows]
+            if search != lead:
+                cost.plot(iteration, column["cost"][rows], color="0.85", lw=0.8, zorder=0)
+                continue
+            said = "_" if turn else ""  # one label a line, whatever the number of rounds
+            cost.plot(iteration, column["cost"][rows], color="0.6", lw=1, label=said + "cost = goal + penalty")
+            cost.plot(iteration, column["goal"][rows], color="tab:blue", lw=1.3, label=said + "goal")
+            norm.semilogy(iteration, column["gradient_norm"][rows], color="tab:orange", lw=1)
+            for k, name in enumerate(names):
+                values = table[rows, len(COLUMNS) + k] / start[k]
+                gain.semilogy(iteration, values, color=f"C{k}", lw=1.2, label=said + name)
+            low = min(low, np.nanmin(column["goal"][rows]))
+            top = max(top, column["cost"][rows][0])
+        offset += int(((column["round"] == turn) & (column["start"] == lead)).sum())
+    cost.set(ylabel="sum of weighed goals", ylim=(0.98 * low, 1.05 * max(top, low)))
     cost.legend(fontsize=8)
     norm.set(ylabel="gradient norm")
-    for side in (norm.yaxis.set_major_formatter, norm.yaxis.set_minor_formatter):
-        side(StrMethodFormatter("{x:g}"))
-    gain.set(ylabel="gain / start", xlabel="iteration")
-    gain.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    gain.set(ylabel="gain / starting gain", xlabel="iteration")
+    for part in (norm, gain):  # plain numbers, those between powers of ten where there is room
+        low, top = part.get_ylim()
+        part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
+        part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        part.yaxis.set_minor_formatter(NullFormatter())
+    gain.legend(fontsize=8, ncols=min(len(names), 7), loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return figure
+
+
+def _lead(run: Run, table: np.ndarray, turn: int) -> int:
+    """The search that a round went on from: the one that saw the least excess and, of these, the lowest goal."""
+    if turn == run.round:
+        return next(i for i, search in enumerate(run.searches) if search is run.lead)
+    rows = table[table[:, 0] == turn]
+    rank = np.lexsort((rows[:, COLUMNS.index("goal")], np.maximum(rows[:, COLUMNS.index("excess")] - FEASIBLE, 0)))
+    return int(rows[rank[0], 1])
 
 
 def sensitivity_figure(findings: Findings) -> Figure:
@@ -71,7 +81,8 @@ def sensitivity_figure(findings: Findings) -> Figure:
     for (i, k), value in np.ndenumerate(table):
         color = "w" if abs(value) > 0.6 * top else "k"
         axes.text(k, i, signed(value), ha="center", va="center", fontsize=8, color=color)
-    axes.set_xticks(range(len(names)), names, fontsize=9)
+    turned = {"rotation": 30, "ha": "right"} if max(map(len, names)) > 8 else {}
+    axes.set_xticks(range(len(names)), names, fontsize=9, **turned)
     axes.set_yticks(range(len(rows)), [_label(s) for s in rows], fontsize=9)
     axes.set_title("relative change of a requirement per relative change of a gain", fontsize=9)
     return figure

@@ -18,6 +18,17 @@ def search(cost):
 @pytest.mark.parametrize("costs", [(1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (2.0, 3.0, 1.0), (1.0, 1.0, 1.0)])
 def test_the_history_of_whichever_start_leads_is_drawn(costs):
     run = Run(0, tuple(search(cost) for cost in costs), {}, (), ())
-    figure = history_figure(("k1", "k2"), run)
+    figure = history_figure(("k1", "k2"), (2.0, 4.0), run)
     (goal,) = (line for line in figure.axes[0].get_lines() if line.get_label() == "goal")
     assert goal.get_ydata() == [min(costs)]
+    gains = {line.get_label(): line.get_ydata()[0] for line in figure.axes[2].get_lines()}
+    assert gains == {"k1": 0.5, "k2": 0.5}  # 1 and 2, in multiples of the gains that a user began with
+
+
+def test_an_earlier_round_is_drawn_by_the_search_that_it_went_on_from():
+    """Start 1 kept the limits, at a higher goal than start 0, which did not."""
+    past = [(0, start, *search(cost).history[0]) for start, cost in ((0, 1.0), (1, 2.0))]
+    past[0] = (*past[0][:5], 0.3, *past[0][6:])  # its excess
+    figure = history_figure(("k1", "k2"), (1.0, 1.0), Run(1, (search(1.5),), {}, (), tuple(past)))
+    drawn = [line.get_ydata()[0] for line in figure.axes[0].get_lines() if line.get_label() in ("goal", "_goal")]
+    assert drawn == [2.0, 1.5]
