@@ -39,6 +39,8 @@ from .controllers.full_weight import FullWeightBackstepping
 from .controllers.network import RadialBasis
 from .controllers.neuro_backstepping import NeuroBackstepping
 from .controllers.osfc import OSFC
+from .controllers.path_pid import PathPID
+from .controllers.pure_pursuit import RegulatedPurePursuit
 from .controllers.sampled import BackCalculation, NoAntiWindup, Sampled
 from .controllers.wrapping import Wrapping
 from .decorator import pytree
@@ -53,8 +55,11 @@ from .leaves import leaves, replace
 from .messages import Command, Measurement, Reference, Start
 from .metrics import Criteria, Metrics, measure, tracking_error
 from .paths.heading import Bearing, Tangent, default_heading
+from .paths.profile import SpeedLimits
+from .paths.route import Route
 from .paths.shapes import Circle, Dumbbell, Lemniscate, Line
 from .paths.waypoints import Waypoints
+from .plants.base import Ackermann, Base, TwistBase
 from .plants.decoupled import Decoupled, DeliveredYawRate, TurnedVelocity
 from .plants.differential_drive import DifferentialDrive, SpeedDrive, TorqueDrive
 from .plants.kinematic_single_track import KinematicSingleTrack
@@ -77,15 +82,18 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
+__all__ += ["PathPID", "RegulatedPurePursuit"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]
 # plants
 __all__ += ["Decoupled", "DeliveredYawRate", "TurnedVelocity", "DifferentialDrive", "SpeedDrive", "TorqueDrive"]
+__all__ += ["Ackermann", "Base", "TwistBase"]
 __all__ += ["FrictionPatch", "KinematicSingleTrack", "LinearTyre", "SaturatingTyre", "SingleTrack"]
 __all__ += ["SteeringLimits", "Unicycle"]
 # actuators, sensors, paths, disturbances
 __all__ += ["Chain", "Deadzone", "Backlash", "Delay", "Lag", "Quantisation", "RateLimit", "Saturation", "Noise"]
 __all__ += ["Bearing", "Tangent", "default_heading", "Circle", "Dumbbell", "Lemniscate", "Line", "Waypoints"]
+__all__ += ["Route", "SpeedLimits"]
 __all__ += ["BandLimitedNoise", "Cosine", "CosineSum", "Harmonic", "NoDisturbance", "Recorded", "Step", "Tone"]
 # check, leaves, compiler
 __all__ += ["check", "faults", "step_faults", "step_warnings", "Fault", "InputError", "leaves", "replace"]

@@ -40,3 +40,9 @@ def into_plane(along: Float[Array, ""], across: Float[Array, ""], heading: Float
     """The vector that has these components along the heading and across it."""
     sine, cosine = jnp.sin(heading), jnp.cos(heading)
     return jnp.stack([along * cosine - across * sine, along * sine + across * cosine])
+
+
+def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Square root whose derivative at 0 is 0 and not infinite."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

@@ -15,6 +15,7 @@ class Command:
 
     position: Float[Array, "2"]  # m/s^2
     heading: Float[Array, ""]  # rad/s
+    twist: Any = None  # (2,) m/s, rad/s: speed and yaw rate, of a law that drives a base; None: of no other
     inputs: Any = None  # {actuator: input}, of a law that allocates for itself; None: the plant does
 
 
@@ -38,6 +39,8 @@ class Reference:
     acceleration: Float[Array, "2"]  # m/s^2
     heading: Float[Array, ""]  # rad
     heading_rate: Float[Array, ""]  # rad/s
+    arc: Any = None  # m along a route, by the clock; None on a path that is none
+    route: Any = None  # the route itself, for laws that follow it by where they are
 
 
 @pytree

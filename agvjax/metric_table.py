@@ -14,7 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._pytree import pytree
-from .protocols import Plant
+from .geometry import safe_sqrt
+from .scenario import Scenario
 
 AXES = ("x", "y", "heading")  # the channels, in order
 
@@ -27,6 +28,7 @@ class Metric(NamedTuple):
         unit: of its values, for tables.
         heading: whether it is there only where the heading can be commanded.
         delivered: whether it is there only with `Criteria.delivered`.
+        route: whether it is there only where the path is a route.
         field: of `Metrics`, where that has another name.
         channel: which channel of the field; None of a field without channels.
     """
@@ -35,6 +37,7 @@ class Metric(NamedTuple):
     unit: str
     heading: bool = False
     delivered: bool = False
+    route: bool = False
     field: str = ""
     channel: int | None = None
 
@@ -67,6 +70,20 @@ METRICS: dict[str, Metric] = {
         Metric("delivered_peak", "of the actuators", delivered=True),
         Metric("delivered_variation", "of the actuators", delivered=True),
         Metric("limited", "share of the time", delivered=True),
+        Metric("cross_track", "m", route=True),
+        Metric("cross_track_late", "m", route=True),
+        Metric("cross_track_peak", "m", route=True),
+        Metric("cross_track_peak_late", "m", route=True),
+        Metric("heading_error", "rad", route=True),
+        Metric("along_track", "m", route=True),
+        Metric("speed_error", "m/s", route=True),
+        Metric("pace", "s/m", route=True),
+        Metric("outside_corridor", "share of the time", route=True),
+        Metric("corridor_excess", "m", route=True),
+        Metric("lateral_acceleration", "m/s^2", route=True),
+        Metric("jerk", "m/s^3", route=True),
+        Metric("standstill", "share of the time", route=True),
+        Metric("time_to_finish", "s", route=True),
     )
 }
 
@@ -82,9 +99,30 @@ OLD_NAMES = {  # in files of earlier releases
 }
 
 
-def metrics_of(plant: Plant) -> tuple[str, ...]:
-    """The metrics that there are for a plant: none of the heading where that cannot be commanded."""
-    return tuple(name for name, row in METRICS.items() if plant.commands_heading or not row.heading)
+def metrics_of(scenario: Scenario) -> tuple[str, ...]:
+    """The metrics that there are: none of the heading where a plant's cannot be commanded, of a route only on one."""
+    heading, route = scenario.plant.commands_heading, scenario.path.by_arc()
+    return tuple(n for n, row in METRICS.items() if (heading or not row.heading) and (route or not row.route))
+
+
+@pytree
+class Followed:
+    """How a route was followed; a batch adds leading axes."""
+
+    cross_track: Float[Array, ""]  # m, root of the mean squared distance to the nearest point of the route's leg
+    cross_track_late: Float[Array, ""]  # the same after `Criteria.late`; NaN where the run is shorter
+    cross_track_peak: Float[Array, ""]  # m, the largest
+    cross_track_peak_late: Float[Array, ""]  # the largest after `Criteria.late`
+    heading_error: Float[Array, ""]  # rad, root of the mean squared angle between vehicle and route
+    along_track: Float[Array, ""]  # m, root of the mean squared way by which it is ahead of or behind the clock
+    speed_error: Float[Array, ""]  # m/s, root of the mean squared difference to the profile
+    pace: Float[Array, ""]  # s/m, time for each metre of the route: the inverse of the mean speed along it
+    outside_corridor: Float[Array, ""]  # share of the time; 0 without a corridor
+    corridor_excess: Float[Array, ""]  # m, the most beyond it
+    lateral_acceleration: Float[Array, ""]  # m/s^2, largest |v w|
+    jerk: Float[Array, ""]  # m/s^3, root of the mean square, by differences from step to step
+    standstill: Float[Array, ""]  # share of the time in which it stands although something is asked of it
+    time_to_finish: Float[Array, ""]  # s, until it is within `Route.reached` of the end; infinite if never
 
 
 @pytree
@@ -110,11 +148,16 @@ class Metrics:
     rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; these four with `Criteria.delivered`
     peak_delivered: Float[Array, " m"] | None = None
     variation_delivered: Float[Array, " m"] | None = None  # total variation
+    followed: Followed | None = None  # where the path is a route
     limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
 
     def __getitem__(self, name: str) -> Float[Array, ""]:
         """The metric of a row of `METRICS`, by its name."""
         row = METRICS[name]
+        if row.route:
+            if self.followed is None:
+                raise ValueError(f"{name} is of a route: make the path one, Route.along(path)")
+            return getattr(self.followed, name)
         values = getattr(self, row.field or name)
         if values is None:
             raise ValueError(f"{name} is of what actuators deliver: judge with Criteria(delivered=True)")
@@ -203,9 +246,3 @@ def _judged(values: Float[Array, " m"] | None) -> Float[Array, " m"]:
     if values is None:
         raise ValueError("metrics of what actuators deliver need Criteria(delivered=True)")
     return jnp.asarray(values)
-
-
-def safe_sqrt(x: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Square root whose derivative at 0 is 0 and not infinite."""
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

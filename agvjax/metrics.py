@@ -14,11 +14,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from . import followed
 from ._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from .engine import loop
 from .engine.rollout import Meter
-from .geometry import wrap
-from .metric_table import METRICS, safe_sqrt
+from .geometry import safe_sqrt, wrap
+from .metric_table import METRICS
 from .metric_table import Metrics as Metrics
 
 MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how soft the band is, as a share of it
@@ -41,6 +42,7 @@ class Tally:
     peak: Float[Array, " c"]
     chatter: Float[Array, " c"]
     delivered: Delivered | None
+    ridden: followed.Ridden | None
 
 
 @pytree
@@ -93,6 +95,7 @@ class Criteria(Meter):
             peak=zero,
             chatter=zero,
             delivered=_nothing_delivered(sample) if self.delivered else None,
+            ridden=followed.start(sample),
         )
 
     def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Array, Array]) -> Tally:
@@ -115,6 +118,7 @@ class Criteria(Meter):
             peak=jnp.maximum(tally.peak, jnp.abs(u)),
             chatter=tally.chatter + jnp.abs(u - tally.last_command),
             delivered=None if tally.delivered is None else _delivered(tally.delivered, sample, whole),
+            ridden=None if tally.ridden is None else followed.update(tally.ridden, sample, weights, self.late),
         )
 
     def _moment(self, moment: Array | None, weight: Array, t: Array, share: Array) -> Array | None:
@@ -156,6 +160,7 @@ class Criteria(Meter):
             peak_command=judged(tally.peak),
             chatter=judged(tally.chatter),
             ok=ok,
+            followed=None if tally.ridden is None else followed.finish(tally.ridden, ok, horizon, self.late),
             **delivered,
         )
 

@@ -58,6 +58,10 @@ class Law:
         """The memory after a control instant, `h` [s] after the last one."""
         return memory
 
+    def follows(self) -> bool:
+        """Whether it follows a route by where the vehicle is, and not the clock."""
+        return False
+
     def control_period(self) -> Real | None:
         """Time [s] between control instants of a law that runs on a clock of its own; None: as the run says."""
         return None
@@ -219,6 +223,14 @@ class Path:
 
     def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
         """When, nearest to `t` [s], the path passes the origin, where a raw bearing jumps; None: never."""
+        return None
+
+    def by_arc(self) -> bool:
+        """Whether it is a route, which a law can follow by where it is."""
+        return False
+
+    def lap(self) -> float | None:
+        """Time [s] after which it is where it began and goes on as before; None: never."""
         return None
 
     def end(self) -> float:

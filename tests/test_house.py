@@ -18,7 +18,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "sensor", "controllers"),
     ("agvjax", "scenario"),
     ("agvjax", "engine"),
-    ("agvjax", "simulate", "metrics", "metric_table"),
+    ("agvjax", "simulate", "metrics", "metric_table", "followed"),
     ("agvjax", "evaluate"),
     ("agvjax", "check", "feasible", "readings"),
     ("agvjax", "draw"),

@@ -42,6 +42,10 @@ class Wrapping(Law):
         """The memory of the inner law after a control instant."""
         return self.inner.jump(flow, memory, measurement, reference, h)
 
+    def follows(self) -> bool:
+        """Whether the inner law follows a route."""
+        return self.inner.follows()
+
     def control_period(self) -> Real | None:
         """The inner law's clock [s]."""
         return self.inner.control_period()

@@ -55,6 +55,28 @@ def commands(runs: Runs) -> Figure:
     return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
 
 
+def route(run: Any) -> Figure:
+    """How a route was followed in time: distance from it, with its corridor, heading error, and speed."""
+    ride, t = run.route, np.asarray(run.t)
+    figure = Figure(figsize=(7.5, 6), layout="constrained")
+    across, turned, fast = figure.subplots(3, 1, sharex=True)
+    across.plot(t, 1e3 * np.asarray(ride.cross_track), **ALONE[0])
+    if ride.room is not None:
+        left, right = (1e3 * np.asarray(side) for side in ride.room)
+        across.plot(t, left, color="0.4", lw=0.8, ls="--", label="corridor")
+        across.plot(t, -right, color="0.4", lw=0.8, ls="--")
+        across.legend(fontsize=8)
+    turned.plot(t, np.degrees(np.asarray(ride.heading_error)), **ALONE[0])
+    fast.plot(t, np.asarray(ride.wanted), color="0.55", lw=1.2, ls="--", label="profile")
+    fast.plot(t, np.asarray(ride.speed), label="driven", **ALONE[0])
+    fast.legend(fontsize=8)
+    for axes, label in ((across, "to the left [mm]"), (turned, "heading error [deg]"), (fast, "speed [m/s]")):
+        axes.set(ylabel=label)
+        axes.grid(alpha=0.3)
+    fast.set(xlabel="time [s]")
+    return figure
+
+
 def inputs(run: Any, names: Sequence[str]) -> Figure:
     """What each actuator was asked for and what it delivered; grey where something was at its limit."""
     figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")

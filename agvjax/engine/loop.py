@@ -18,8 +18,11 @@ from ..actuators.chain import Chain
 from ..geometry import wrap
 from ..leaves import children
 from ..messages import Command, Measurement, Reference
+from ..paths.place import Place
+from ..paths.route import Route
 from ..protocols import Element, Inputs, Law, Plant, Sensor
 from ..scenario import Scenario
+from .beside import Beside
 
 RESOLUTION = 1e-3  # m and rad, to which a run must know positions and headings
 
@@ -46,6 +49,7 @@ class Memory:
     actuators: dict[str, PyTree]
     controller: PyTree
     sensor: PyTree
+    route: Place | tuple[()] = ()  # where the vehicle is on one, looked at anew at control instants
 
 
 @pytree
@@ -72,6 +76,7 @@ class Sample:
     delivered: Float[Array, "*N m"]  # what they delivered
     limited: Bool[Array, "*N"]  # whether an actuator, or the controller's own limit, was at its limit
     controller: PyTree = ()  # state of the law
+    route: Beside | None = None  # where the path is a route
 
 
 @pytree
@@ -149,17 +154,18 @@ def _respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, si
     return once(response.delivered) if plant.feedthrough else response
 
 
-def inside(scenario: Scenario, state: PyTree, reference: Reference) -> Bool[Array, ""]:
+def inside(scenario: Scenario, state: PyTree, near: Float[Array, "2"]) -> Bool[Array, ""]:
     """Whether a plant's state is within the scenario's limit; False for NaN too.
 
     The vehicle alone is watched: whatever in the law diverges and matters drives it out. A `position` counts from
-    where the path is, a `heading` without its whole turns: neither a map's origin nor the number of laps matters. Yet
-    both must be ones that the numbers resolve, see `RESOLUTION`: a vehicle would stand still or leap.
+    `near` [m], where the path is, or of a route its nearest point; a `heading` without its whole turns: neither a map's
+    origin nor the number of laps matters. Yet both must be ones that the numbers resolve, see `RESOLUTION`: a vehicle
+    would stand still or leap.
     """
     parts, resolved = dict(children(state)), jnp.array(True)
     if "position" in parts:
         resolved = jnp.max(jnp.abs(parts["position"])) < farthest(parts["position"].dtype)
-        parts["position"] = parts["position"] - reference.position
+        parts["position"] = parts["position"] - near
     if "heading" in parts:
         resolved &= jnp.abs(parts["heading"]) < farthest(parts["heading"].dtype)
         parts["heading"] = wrap(parts["heading"])
@@ -173,7 +179,11 @@ def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, 
     A run that does not is latched at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
     """
     plant, state = scenario.plant, scenario.plant.start(scenario.start)
-    ok = inside(scenario, state, signals.reference)
+    near, route = signals.reference.position, ()
+    if isinstance(scenario.path, Route):
+        route = scenario.path.search(state.position, state.heading)
+        near = route.position
+    ok = inside(scenario, state, near)
     state = jax.tree.map(lambda x: jnp.where(ok, x, 0.0), state)
     measurement = plant.output(state, {name: jnp.zeros_like(state.heading) for name in plant.actuators})
     sensed = sensor(scenario).hold(measurement)
@@ -185,15 +195,19 @@ def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, 
     flows = {name: part.init(inputs[name]) for name, part in parts.items()}
     memories = {name: part.hold(inputs[name]) for name, part in parts.items()}
     flow = Flow(plant=state, actuators=flows, controller=law)
-    return flow, Memory(plant=plant.hold(state), actuators=memories, controller=memory, sensor=sensed), ok
+    memory = Memory(plant=plant.hold(state), actuators=memories, controller=memory, sensor=sensed, route=route)
+    return flow, memory, ok
 
 
 def jump(
     controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals, h: Float[Array, ""]
 ) -> Memory:
-    """The memory of sensor and controller after a control instant, `h` [s] after the last one."""
+    """The memory of sensor and controller after a control instant, `h` [s] after the last one; and the route's foot."""
     delivered = _respond(controller, scenario, flow, memory, signals).delivered
     true = scenario.plant.output(flow.plant, delivered)
+    if isinstance(scenario.path, Route) and isinstance(memory.route, Place):
+        place = scenario.path.follow(true.position, memory.route, true.velocity, h)
+        memory = dataclasses.replace(memory, route=place)
     sensed = sensor(scenario).jump(memory.sensor, true, h)
     measurement = sensor(scenario)(sensed, true)
     law = controller.jump(flow.controller, memory.controller, measurement, signals.reference, h)
@@ -221,22 +235,31 @@ def derivative(
     response, plant = _respond(controller, scenario, flow, memory, signals), scenario.plant
     plant_rate = plant.derivative(flow.plant, memory.plant, response.delivered, signals.disturbance)
     seen = plant.output(flow.plant, response.delivered)
+    beside, path = None, scenario.path
+    if isinstance(memory.route, Place) and isinstance(path, Route):
+        beside = Beside.of(path, memory.route, seen, signals.reference.arc)
+    asked, heading = signals.reference.position, signals.reference.heading
+    if beside is not None and controller.follows():
+        asked, heading = beside.position, seen.heading - beside.heading_error
     sample = Sample(
         t=signals.time,
         position=seen.position,
         velocity=seen.velocity,
         heading=seen.heading,
-        reference_position=signals.reference.position,
-        reference_heading=signals.reference.heading,
+        reference_position=asked,
+        reference_heading=heading,
         command=as_vector(response.command, plant.commands_heading),
         inputs=jnp.concatenate([jnp.ravel(response.inputs[name]) for name in plant.actuators]),
         delivered=jnp.concatenate([jnp.ravel(response.delivered[name]) for name in plant.actuators]),
         limited=_limited(controller, scenario, flow, memory, response.inputs),
         controller=controller.state(flow.controller, memory.controller),
+        route=beside,
     )
     return Flow(plant=plant_rate, actuators=response.actuator_rates, controller=response.law_rate), sample
 
 
 def as_vector(command: Command, heading: bool) -> Float[Array, " c"]:
-    """u_x, u_y and, where the heading is commanded, omega_bar."""
+    """u_x, u_y and, where the heading is commanded, omega_bar; of a law that drives a base speed and yaw rate."""
+    if command.twist is not None:
+        return command.twist
     return jnp.concatenate([command.position, command.heading[None]]) if heading else command.position

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from .._pytree import Real, pytree
 from ..leaves import cast, misshapen
 from ..messages import Reference
 from ..paths.heading import default_heading, reference, says
+from ..paths.route import Route
 from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
 from ..scenario import Scenario
 from ..timing import Timing
@@ -104,6 +106,7 @@ class Rollout:
         self.end = self.dt * timing.n_steps
 
         path, disturbance = self.scenario.path, self.scenario.disturbance
+        self.route = _route(self.controller, path)
         self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
         # what knows the instant nearest to `t` at which a signal jumps
         nearest = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
@@ -131,12 +134,19 @@ class Rollout:
 
     def time_only(self, t: Float[Array, ""], side: Real = 0.0) -> TimeOnly:
         """What depends on time alone, and on nothing a batch usually varies; what jumps is looked at `side` [s] off."""
-        shape = self.scenario.disturbance.shape(t + side)
-        return reference(self.scenario.path, lambda path, time: self.heading(path, time + side), t), shape
+        shape, path = self.scenario.disturbance.shape(t + side), self.scenario.path
+        if self.route is not None and self.controller.follows():  # it looks at no clock
+            nothing, zero = jnp.zeros(2, t.dtype), jnp.zeros_like(t)
+            asked = Reference(position=nothing, velocity=nothing, acceleration=nothing, heading=zero, heading_rate=zero)
+        else:
+            asked = reference(path, lambda path, time: self.heading(path, time + side), t)
+        return (asked if self.route is None else dataclasses.replace(asked, arc=self.route.clock(t)[0])), shape
 
     def signals(self, t: Float[Array, ""], row: TimeOnly) -> loop.Signals:
         """A row of the table made whole: inside the loop only the disturbance's scale is left to apply."""
         ref, shape = row
+        if self.route is not None:
+            ref = dataclasses.replace(ref, route=self.route)
         return loop.Signals(time=t, reference=ref, disturbance=self.scenario.disturbance.scale(shape))
 
     def table(self, first: Array, steps: int) -> Row:
@@ -165,7 +175,7 @@ class Rollout:
     def control(self, carry: Carry, index: Array, h: Array, signals: loop.Signals) -> loop.Memory:
         """The memory in force at this step: that of the law renewed where it is a control instant."""
         memory = carry.memory
-        if jax.tree.leaves((memory.controller, memory.sensor)):
+        if jax.tree.leaves((memory.controller, memory.sensor, memory.route)):
             memory = self._looked(carry, index, signals)
         if jax.tree.leaves((memory.actuators, memory.plant)):
             memory = loop.advance(self.controller, self.scenario, carry.flow, memory, signals, h)
@@ -191,7 +201,8 @@ class Rollout:
             return loop.derivative(self.controller, self.scenario, flow, memory, signal)
 
         flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
-        ok = carry.ok & loop.inside(self.scenario, flow.plant, signals[-1].reference)
+        near = signals[-1].reference.position if self.route is None else memory.route.position
+        ok = carry.ok & loop.inside(self.scenario, flow.plant, near)
         flow, memory = jax.tree.map(
             lambda new, old: jnp.where(ok, new, old), (flow, memory), (carry.flow, carry.memory)
         )
@@ -242,6 +253,16 @@ class Rollout:
             parts.append(samples)
         last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
         return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _route(controller: Law, path: Path) -> Route | None:
+    """The path where it is a route, which a law that follows one needs."""
+    if isinstance(path, Route):
+        return path
+    if controller.follows():
+        kind = f"{type(path).__name__} goes by a clock: make it Route.along(path)"
+        raise ValueError(f"{type(controller).__name__} follows a route by where it is; {kind}")
+    return None
 
 
 def _check_contracts(controller: Law, scenario: Scenario) -> None:

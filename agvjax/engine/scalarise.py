@@ -41,8 +41,20 @@ def split(x: Scalar) -> Scalars:
     return out
 
 
-def join(x: Scalars) -> Scalar:
+def is_whole(x: Scalar | Scalars) -> bool:
+    """Whether an array has been left as it is, a table that is looked up in."""
+    return x.dtype != object
+
+
+def kept(x: Scalar) -> Scalar | Scalars:
+    """An array as its scalars, or where these are too many as it is."""
+    return x if np.size(x) > MOST_SCALARS else split(x)
+
+
+def join(x: Scalar | Scalars) -> Scalar:
     """The array again."""
+    if is_whole(x):
+        return x
     return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
 
 
@@ -145,6 +157,13 @@ REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}
 
 def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Scalars], once: Once) -> list[Scalars]:
     name, params = equation.primitive.name, equation.params
+    if name in CALLS:
+        inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
+        return _interpret(inner.jaxpr, [kept(c) for c in inner.consts], inputs, once)
+    if name == "cond":
+        return _cond(equation, inputs)
+    if any(map(is_whole, inputs)):
+        return [kept(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
     if name in CHEAPER:
         return [_each(functools.partial(CHEAPER[name], once), inputs)]
     if name in ELEMENTWISE:
@@ -153,42 +172,37 @@ def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Scalars], on
         return [_reduce(REDUCTIONS[name], inputs[0], params["axes"], once)]
     if name in STRUCTURAL:
         return [STRUCTURAL[name](*inputs, **params)]
-    if name in CALLS:
-        inner = params["jaxpr"] if "jaxpr" in params else params["call_jaxpr"]
-        return _interpret(inner.jaxpr, [split(c) for c in inner.consts], inputs, once)
-    if name == "cond":
-        return _cond(equation, inputs)
     return [split(x) for x in _whole(equation, jaxpr)(*(join(x) for x in inputs))]
 
 
 def _cond(equation: core.JaxprEqn, inputs: list[Scalars]) -> list[Scalars]:
     """A branch, its numbers kept apart: stacked for it they would have to be taken apart again."""
     index, *operands = inputs
-    shapes: list[Shape] = [x.shape for x in operands]
+    shapes: list[Shape | None] = [None if is_whole(x) else x.shape for x in operands]
     avals: list[Any] = [v.aval for v in equation.outvars]
 
     def scalar(branch: core.ClosedJaxpr) -> Callable[..., list[Scalar]]:
         def run(*numbers: Scalar) -> list[Scalar]:
-            out = _interpret(branch.jaxpr, [split(c) for c in branch.consts], _regroup(numbers, shapes), Once())
+            out = _interpret(branch.jaxpr, [kept(c) for c in branch.consts], _regroup(numbers, shapes), Once())
             each = [(v, aval.dtype) for x, aval in zip(out, avals, strict=True) for v in x.ravel()]
             return [jnp.asarray(v, dtype) if isinstance(v, np.generic | np.ndarray) else v for v, dtype in each]
 
         return run
 
-    numbers = [v for x in operands for v in x.ravel()]
+    numbers = [v for x in operands for v in ([x] if is_whole(x) else x.ravel())]
     out = lax.switch(index[()], [scalar(branch) for branch in equation.params["branches"]], *numbers)
     return _regroup(out, [aval.shape for aval in avals])
 
 
-def _regroup(numbers: Sequence[Scalar], shapes: Sequence[Shape]) -> list[Scalars]:
-    """Scalars in a row as arrays of these shapes."""
+def _regroup(numbers: Sequence[Scalar], shapes: Sequence[Shape | None]) -> list[Scalars]:
+    """Scalars in a row as arrays of these shapes; None stands for an array that was left whole."""
     arrays, at = [], 0
     for shape in shapes:
-        n = int(np.prod(shape))
+        n = 1 if shape is None else int(np.prod(shape))
         part = np.empty(n, object)
         for i in range(n):  # one by one: NumPy would try to look into the tracers
             part[i] = numbers[at + i]
-        arrays.append(part.reshape(shape))
+        arrays.append(part[0] if shape is None else part.reshape(shape))
         at += n
     return arrays
 
@@ -205,7 +219,7 @@ def _interpret(jaxpr: core.Jaxpr, consts: Sequence[Scalars], inputs: Sequence[Sc
     known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *inputs], strict=True))
 
     def read(atom: core.Var | core.Literal) -> Scalars:
-        return split(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
+        return kept(np.asarray(atom.val)) if isinstance(atom, core.Literal) else known[atom]
 
     for equation in jaxpr.eqns:
         known |= zip(equation.outvars, _apply(equation, jaxpr, [read(v) for v in equation.invars], once), strict=True)
@@ -242,9 +256,9 @@ def _hoist(closed: core.ClosedJaxpr) -> tuple[core.Jaxpr, list[Scalars]]:
         else:
             rest.append(equation)
     read = {v for equation in rest for v in equation.invars if not isinstance(v, core.Literal)}
-    kept = [v for v in known if v in read or v in jaxpr.outvars]  # the others would be split for nothing
-    numbers = {id(x): split(x) for x in (known[v] for v in kept)}  # one constant under two names is one
-    return jaxpr.replace(constvars=kept, eqns=rest), [numbers[id(known[v])] for v in kept]
+    wanted = [v for v in known if v in read or v in jaxpr.outvars]  # the others would be split for nothing
+    numbers = {id(x): kept(x) for x in (known[v] for v in wanted)}  # one constant under two names is one
+    return jaxpr.replace(constvars=wanted, eqns=rest), [numbers[id(known[v])] for v in wanted]
 
 
 def split_tree(tree: PyTree) -> PyTree:

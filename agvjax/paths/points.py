@@ -12,22 +12,7 @@ BACK, ON = 0.5, 0.1  # of the steps around it, below which one back is a slip; o
 
 def checked(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> np.ndarray:
     """Points and speeds as rows (N, 3), found usable."""
-    points = _numbers("points", points)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"points must be of shape (N, 2), x and y; their shape is {points.shape}")
-    speeds = _numbers("speed", 1.0 if speed is None else speed)
-    least = 3 if closed else 2
-    if len(points) < least:
-        kind = "a closed" if closed else "an open"
-        raise ValueError(f"points must be at least {least} for {kind} path; given {len(points)}")
-    if speeds.shape not in ((), (len(points),)):
-        raise ValueError(f"speed must be a number or one for each of {len(points)} points; its shape is {speeds.shape}")
-    for name, bad in (("points", ~np.isfinite(points).all(axis=1)), ("speed", ~np.isfinite(np.atleast_1d(speeds)))):
-        if bad.any():
-            raise ValueError(f"{name} must be finite; number {np.argmax(bad) + 1} is not")
-    if np.any(speeds <= 0):
-        place = f"number {np.argmax(speeds <= 0) + 1} is " if speeds.ndim else "it is "
-        raise ValueError(f"speed must be > 0; {place}{speeds.flat[np.argmax(speeds <= 0)]:g}")
+    points, speeds = signed(points, speed, least=3 if closed else 2, backwards=False)
     after = np.roll(points, -1, axis=0) if closed else points[1:]
     gaps = np.linalg.norm(after - points[: len(after)], axis=1)
     around = _neighbouring(gaps, closed)
@@ -43,7 +28,32 @@ def checked(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> np.ndar
         )
     if went := _back(points, closed):
         raise ValueError(f"points must go on along the path; {went}")
-    return np.column_stack([points, np.broadcast_to(speeds, len(points))])
+    return np.column_stack([points, speeds])
+
+
+def signed(
+    points: ArrayLike, speed: ArrayLike | None, least: int = 2, backwards: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 2), at least so many, and a speed for each, negative and not 0 where it may be driven `backwards`."""
+    points = numbers("points", points)
+    if points.ndim == 2 and points.shape[1] == 3 and speed is None and backwards:
+        points, speed = points[:, :2], points[:, 2]
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points must be of shape (N, 2), x and y; their shape is {points.shape}")
+    speeds = numbers("speed", 1.0 if speed is None else speed)
+    if len(points) < least:
+        kind = "a closed" if least > 2 else "an open"
+        raise ValueError(f"points must be at least {least} for {kind} path; given {len(points)}")
+    if speeds.shape not in ((), (len(points),)):
+        raise ValueError(f"speed must be a number or one for each of {len(points)} points; its shape is {speeds.shape}")
+    for name, bad in (("points", ~np.isfinite(points).all(axis=1)), ("speed", ~np.isfinite(np.atleast_1d(speeds)))):
+        if bad.any():
+            raise ValueError(f"{name} must be finite; number {np.argmax(bad) + 1} is not")
+    low = speeds == 0 if backwards else speeds <= 0
+    if np.any(low):
+        place = f"number {np.argmax(low) + 1} is " if speeds.ndim else "it is "
+        raise ValueError(f"speed must {'not be 0' if backwards else 'be > 0'}; {place}{speeds.flat[np.argmax(low)]:g}")
+    return points, np.broadcast_to(speeds, len(points)).astype(float)
 
 
 def _back(points: np.ndarray, closed: bool) -> str:
@@ -77,7 +87,8 @@ def _neighbouring(gaps: np.ndarray, closed: bool) -> np.ndarray:
     return np.where(np.minimum(*sides) > 0, np.minimum(*sides), np.maximum(*sides))
 
 
-def _numbers(name: str, given: ArrayLike) -> np.ndarray:
+def numbers(name: str, given: ArrayLike) -> np.ndarray:
+    """What was given, as an array of numbers."""
     try:
         return np.asarray(given, float)
     except (ValueError, TypeError) as error:

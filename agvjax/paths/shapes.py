@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._pytree import ANY, POSITIVE, Real, number, pytree
+from ..geometry import TURN
 from ..protocols import Path
 
 SIXTH_OF_PI = 22 / 7 / 6  # reading R15: the paper prints 22/7 for pi
@@ -30,6 +31,10 @@ class Dumbbell(Path):
         """Eq. (56) with sin(w t) divided out of both arguments [rad]: equal on the first half lap, then smooth (R8)."""
         return jnp.arctan2(jnp.ones_like(t), 2 * jnp.cos(self.omega * t))
 
+    def lap(self) -> float:
+        """Time [s] of a lap."""
+        return TURN / float(self.omega)
+
     def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """When, nearest to `t` [s], the path passes the origin: sin(w t) = 0."""
         half_lap = jnp.pi / self.omega
@@ -48,6 +53,10 @@ class Circle(Path):
         phase = self.omega * t
         return self.radius * jnp.stack([jnp.cos(phase), jnp.sin(phase)])
 
+    def lap(self) -> float:
+        """Time [s] of a lap."""
+        return TURN / float(self.omega)
+
 
 @pytree
 class Lemniscate(Path):
@@ -60,6 +69,10 @@ class Lemniscate(Path):
         """Position [m]."""
         sine, cosine = jnp.sin(self.omega * t), jnp.cos(self.omega * t)
         return self.amplitude / (1 + sine**2) * jnp.stack([cosine, sine * cosine])
+
+    def lap(self) -> float:
+        """Time [s] of a lap."""
+        return TURN / float(self.omega)
 
     def nearest_crossing(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """When, nearest to `t` [s], the path passes the origin: cos(w t) = 0."""

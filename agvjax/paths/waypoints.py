@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
@@ -13,10 +12,10 @@ from jaxtyping import Array, Float
 from .._pytree import POSITIVE, Numbers, Real, number, pytree, structure
 from ..geometry import bearing
 from ..protocols import Path
+from .arc import Integral, Spline, gauss, quintics
 from .points import checked
 
 Values = TypeVar("Values", Array, np.ndarray)
-PARTS = 8  # of a segment between two points, on which integrals are taken by Gauss' rule; halved where that is too few
 FIRST, MOST = 8, 2**16  # pieces of a segment to begin with; pieces in all beyond which the fit is given up
 OFF, SLOW = 1e-8, 1e-4  # how far off it may be: in position, of the path's size, and in velocity, of the speed there
 
@@ -85,6 +84,10 @@ class Waypoints(Path):
         x_rate, y_rate = _powers(_slope(coefficients), share)
         return bearing(y_rate, x_rate)
 
+    def lap(self) -> float | None:
+        """Time [s] of a lap of a closed path."""
+        return float(self.duration) if self.closed else None
+
     def end(self) -> float:
         """When [s] an open path stops at its last point."""
         return np.inf if self.closed else float(self.duration)
@@ -103,7 +106,7 @@ class Waypoints(Path):
     def geometry(self, n: int = 2000) -> Geometry:
         """Speed, curvature and acceleration at `n` instants from start to end, on the host in float64."""
         t = np.linspace(0, float(self.duration), n)
-        steps = _gauss(lambda time: np.linalg.norm(self._rates(time)[1], axis=-1), t[:-1], t[1:])
+        steps = gauss(lambda time: np.linalg.norm(self._rates(time)[1], axis=-1), t[:-1], t[1:])
         position, rate, second = self._rates(t)
         speed = np.linalg.norm(rate, axis=-1)
         tangent = rate / speed[:, None]
@@ -135,90 +138,29 @@ def _slope(coefficients: Values) -> Values:
     return coefficients[..., 1:, :] * powers.reshape((1,) * (coefficients.ndim - 2) + powers.shape)
 
 
-def _quintics(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, h: float) -> np.ndarray:
-    """Pieces (M, 6, 2), each `h` [s] long, that meet the M + 1 knots in value, first and second derivative."""
-    p, q = position[:-1], position[1:]
-    v, w = velocity[:-1] * h, velocity[1:] * h
-    a, b = acceleration[:-1] * (h * h), acceleration[1:] * (h * h)
-    # what the Taylor polynomial of the left knot leaves at the right one
-    gap, slope, bend = q - p - v - a / 2, w - v - a, b - a
-    rest = [10 * gap - 4 * slope + bend / 2, -15 * gap + 7 * slope - bend, 6 * gap - 3 * slope + bend / 2]
-    return np.stack([p, v, a / 2, *rest], axis=1)
-
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
-
-
-def _gauss(rate: Callable[[np.ndarray], np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The integrals of `rate` over intervals."""
-    half = (right - left) / 2
-    return half * (rate(left[..., None] + half[..., None] * (1 + NODES)) @ WEIGHTS)
-
-
-class _Integral:
-    """The integral of a positive rate from the first of some grid points on, and the way back."""
-
-    def __init__(self, rate: Callable[[np.ndarray], np.ndarray], marks: np.ndarray):
-        shares = np.arange(PARTS) / PARTS
-        grid = np.r_[(marks[:-1, None] + np.diff(marks)[:, None] * shares).ravel(), marks[-1]]
-        for _ in range(30):
-            middle = (grid[:-1] + grid[1:]) / 2
-            halves = _gauss(rate, grid[:-1], middle) + _gauss(rate, middle, grid[1:])
-            rough = np.abs(_gauss(rate, grid[:-1], grid[1:]) - halves) > 1e-13 * np.sum(halves)
-            if not rough.any():
-                break
-            grid = np.sort(np.r_[grid, middle[rough]])
-        self.rate, self.grid = rate, grid
-        self.values = np.r_[0, np.cumsum(_gauss(rate, grid[:-1], grid[1:]))]
-        self.marks = self.values[np.searchsorted(grid, marks)]
-
-    def where(self, wanted: np.ndarray) -> np.ndarray:
-        """Where it reaches what is wanted: Newton's method within one interval of the grid."""
-        j = np.clip(np.searchsorted(self.values, wanted, "right") - 1, 0, self.grid.size - 2)
-        left, right = self.grid[j], self.grid[j + 1]
-        beyond = wanted - self.values[j]
-        x = left + beyond / (self.values[j + 1] - self.values[j]) * (right - left)
-        for _ in range(6):
-            x = np.clip(x - (_gauss(self.rate, left, x) - beyond) / self.rate(x), left, right)
-        return x
-
-
 class _Motion:
     """Where the path is, and how fast, by its definition: t -> arc length -> length of the chords -> position."""
 
     def __init__(self, rows: np.ndarray, closed: bool):
-        from scipy.interpolate import CubicSpline, PchipInterpolator  # late: a second that few runs need
-
         self.rows, self.closed = rows, closed
-        loop = np.r_[rows, rows[:1]] if closed else rows
-        chords = np.r_[0, np.cumsum(np.linalg.norm(np.diff(loop[:, :2], axis=0), axis=1))]
-        self.curve = CubicSpline(chords, loop[:, :2], bc_type="periodic" if closed else "not-a-knot")
+        self.curve = Spline(rows[:, :2], closed)
         self.size = float(np.linalg.norm(np.ptp(rows[:, :2], axis=0)))
-        self.arc = _Integral(lambda p: np.linalg.norm(self.curve(p, 1), axis=-1), chords)
-        marks = self.arc.marks
-        if closed:  # two neighbours on either side are all that the slopes at the seam look at
-            marks = np.r_[marks[-3:-1] - marks[-1], marks, marks[-1] + marks[1:3]]
-            loop = np.r_[loop[-3:-1], loop, loop[1:3]]
-        self.speed = PchipInterpolator(marks, loop[:, 2])
-        self.time = _Integral(lambda s: 1 / self.speed(s), self.arc.marks)
+        self.speed = self.curve.speeds(rows[:, 2])
+        self.time = Integral(lambda s: 1 / self.speed(s), self.curve.marks)
         self.instants = self.time.marks
         self.duration = float(self.instants[-1])
 
     def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Position, velocity and acceleration (n, 2) at times (n,)."""
         s = self.time.where(t)
-        p = self.arc.where(s)
+        position, tangent, bend = self.curve(s)
         v, v_slope = self.speed(s)[:, None], self.speed(s, 1)[:, None]
-        first, second = self.curve(p, 1), self.curve(p, 2)
-        length = np.linalg.norm(first, axis=1, keepdims=True)
-        tangent = first / length
-        bend = (second - tangent * np.sum(second * tangent, axis=1, keepdims=True)) / length**2
-        return self.curve(p), v * tangent, v * v_slope * tangent + v**2 * bend
+        return position, v * tangent, v * v_slope * tangent + v**2 * bend
 
     def fitted(self, pieces: int) -> Waypoints:
         """The path as so many pieces of equal duration."""
         knots = self(np.linspace(0, self.duration, pieces + 1))
-        table, duration = _quintics(*knots, self.duration / pieces), np.asarray(self.duration)
+        table, duration = quintics(*knots, self.duration / pieces), np.asarray(self.duration)
         return Waypoints(points=self.rows, coefficients=table, duration=duration, closed=self.closed)
 
     def close_to(self, path: Waypoints) -> bool:
@@ -231,7 +173,8 @@ class _Motion:
 
     def sharpest(self) -> tuple[np.ndarray, float]:
         """Where it turns or turns back most, (2,) [m], and about how fast [rad/s]."""
-        p, s = self.arc.grid, self.arc.values
-        bend = np.linalg.norm(self.curve(p, 2), axis=1) / np.sum(self.curve(p, 1) ** 2, axis=1)
+        arc, curve = self.curve.arc, self.curve.curve
+        p, s = arc.grid, arc.values
+        bend = np.linalg.norm(curve(p, 2), axis=1) / np.sum(curve(p, 1) ** 2, axis=1)
         turn = np.nan_to_num(bend * self.speed(s), nan=np.inf)
-        return self.curve(p[np.argmax(turn)]), float(turn.max())
+        return curve(p[np.argmax(turn)]), float(turn.max())

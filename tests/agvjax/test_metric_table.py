@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax.metric_table import METRICS, OLD_NAMES, metrics_of
+from agvjax.metric_table import METRICS, OLD_NAMES, Followed, metrics_of
 from commands import ROOT
 from tuning.config.load import load
 
@@ -22,7 +22,10 @@ BY_CHANNEL = {  # x, y, heading
 IN_TOTAL_ONLY = {"iae": (1.0, 2.0, 4.0), "ise": (8.0, 16.0, 32.0), "itae": (0.5, 0.25, 0.125)}
 IN_TOTAL_ONLY |= {"rms_delivered": (1.0, 4.0, 8.0), "peak_delivered": (5.0, 7.0, 6.0)}
 IN_TOTAL_ONLY |= {"variation_delivered": (10.0, 20.0, 30.0), "limited": 0.25, "settled": (True,) * 3, "ok": True}
-RUN = agvjax.Metrics(**{name: np.array(values) for name, values in (BY_CHANNEL | IN_TOTAL_ONLY).items()})
+ROUTE = {name: 0.5 + i for i, name in enumerate(n for n, row in METRICS.items() if row.route)}
+FOLLOWED = Followed(**{name: np.array(value) for name, value in ROUTE.items()})
+CHANNELS = {name: np.array(values) for name, values in (BY_CHANNEL | IN_TOTAL_ONLY).items()}
+RUN = agvjax.Metrics(**CHANNELS, followed=FOLLOWED)
 BY_HAND = {
     "total_rmse": 7.0,  # 4 + 9 + 36 = 49
     "effort": 9.0,  # 16 + 16 + 49 = 81
@@ -38,6 +41,7 @@ BY_HAND = {
     "delivered_peak": 7.0,
     "delivered_variation": 60.0,
     "limited": 0.25,
+    **ROUTE,
 }
 del BY_HAND["peak_command_heading"]  # it is called peak_heading
 
@@ -48,7 +52,7 @@ def test_every_row_of_the_table_has_its_value_by_hand():
 
 @pytest.mark.parametrize("name", [name for name, row in METRICS.items() if row.channel is None])
 def test_what_is_over_all_channels_is_an_attribute_of_the_same_name(name):
-    assert float(getattr(RUN, name)) == BY_HAND[name]
+    assert float(getattr(RUN.followed if METRICS[name].route else RUN, name)) == BY_HAND[name]
 
 
 def test_every_row_can_be_named_in_toml_and_no_other():
@@ -84,7 +88,9 @@ def test_an_old_name_is_none_of_today_and_means_one_of_today():
 
 
 def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
-    assert {name for name in METRICS if "heading" in name} == set(METRICS) - set(metrics_of(agvjax.Unicycle()))
+    clock, all_channels = (set(metrics_of(x)) for x in (agvjax.Scenario.of(agvjax.Unicycle()), agvjax.Scenario()))
+    assert {name for name, row in METRICS.items() if "heading" in name and not row.route} == all_channels - clock
+    assert {name for name, row in METRICS.items() if row.route} == set(METRICS) - all_channels
     plain = agvjax.measure(agvjax.simulate(agvjax.NeuroBackstepping(), agvjax.Scenario(), n_steps=3))
     for name in ("delivered_effort", "delivered_peak", "delivered_variation", "limited"):
         with pytest.raises(ValueError, match="delivered=True"):

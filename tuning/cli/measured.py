@@ -26,29 +26,35 @@ def divergence(trajectory: agvjax.Trajectory, limit: float) -> str:
     return f"the run diverged at t = {when:.4g} s: {state} passed scenario.limit = {limit:g} and was held there"
 
 
-def numbers(metrics: agvjax.Metrics, plant: agvjax.Plant) -> Numbers:
+def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:
     """Metrics for `metrics.json`: a channel that has not settled says so and gives no number."""
+    plant = scenario.plant
     delivered = [part for name in plant.actuators for part in plant.parts(name)]
     numbers: Numbers = {"ok": bool(metrics.ok)}
     for field in dataclasses.fields(metrics):
-        if field.name in ("ok", "settled", "settling_smooth", "limited"):
+        if field.name in ("ok", "settled", "settling_smooth", "limited", "followed"):
             continue
         values = np.asarray(getattr(metrics, field.name)).tolist()
         if field.name == "settling_time":
             values = [v if s else "not settled" for v, s in zip(values, metrics.settled, strict=True)]
         places = delivered if field.name.endswith("_delivered") else plot.CHANNELS[: len(values)]
         numbers[field.name] = dict(zip(places, values, strict=True))
-    totals: Numbers = {name: float(metrics[name]) for name in metrics_of(plant) if METRICS[name].channel is None}
+    totals: Numbers = {name: float(metrics[name]) for name in metrics_of(scenario) if METRICS[name].channel is None}
     settled = bool(np.all(metrics.settled))
+    if "time_to_finish" in totals and totals["time_to_finish"] == np.inf:
+        totals["time_to_finish"] = "not finished"
     return numbers | totals | ({} if settled else {"longest_settling_time": "not settled"})
 
 
 def tables(numbers: Numbers) -> str:
-    """The metrics by channel, and what the actuators delivered."""
+    """The metrics by channel, how a route was followed, and what the actuators delivered."""
+    routed = {name: x for name, x in numbers.items() if name in METRICS and METRICS[name].route}
+    lines = [[name.replace("_", " "), x, METRICS[name].unit] for name, x in routed.items()]
+    route = grid(["along the route", "", "unit"], lines) + "\n\n" if routed else ""
     rows = {name: values for name, values in numbers.items() if isinstance(values, dict)}
     delivered = {name.removesuffix("_delivered"): rows.pop(name) for name in list(rows) if name.endswith("_delivered")}
     limited = f"\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
-    return f"{_table('metric', rows)}\n\n{_table('delivered', delivered)}{limited}"
+    return f"{route}{_table('metric', rows)}\n\n{_table('delivered', delivered)}{limited}"
 
 
 def _table(corner: str, rows: Mapping[str, Mapping[str, Number]]) -> str:

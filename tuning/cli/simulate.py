@@ -24,6 +24,7 @@ from .measured import divergence, numbers, tables
 from .prepare import configure, warn
 
 NUMBERS = 60  # about so many are kept of one sample, copies among them
+RIDDEN = ("arc", "cross_track", "heading_error", "speed", "wanted")  # of a route, kept sample by sample
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -34,12 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
         config = _of_sweep(arguments, config)
         if wrong := whereabouts.faults(config):
             raise InputError(wrong)
-    plant = config.scenario.plant
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
-    of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), plant)
+    of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), config.scenario)
     files.write_npz(out / "trajectory.npz", _arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
     _draw(trajectory, config.scenario, out)
@@ -92,7 +92,9 @@ def _vehicle(config: Config) -> list[Fault]:
 def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
     """All that is sampled, but the state of the law, by name."""
     arrays = {f.name: getattr(trajectory, f.name) for f in dataclasses.fields(trajectory)}
-    return {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok")}
+    arrays = {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok", "route")}
+    ride = trajectory.route
+    return arrays if ride is None else arrays | {name: getattr(ride, name) for name in RIDDEN}
 
 
 def _draw(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario, out: Path) -> None:
@@ -101,6 +103,8 @@ def _draw(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario, out: Path) -
     files.write_figure(out / "path.png", plot.path({"run": trajectory}, points))
     for draw in (plot.errors, plot.commands):
         files.write_figure(out / f"{draw.__name__}.png", draw({"run": trajectory}))
+    if trajectory.route is not None:
+        files.write_figure(out / "route.png", plot.route(trajectory))
     if "position" not in plant.actuators:  # where they are not the commands themselves
         files.write_figure(out / "inputs.png", plot.inputs(trajectory, plant.actuators))
 

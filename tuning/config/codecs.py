@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import agvjax
-from agvjax.metric_table import METRICS, metrics_of
+from agvjax.metric_table import METRICS
 
 from ..ensemble.draws import Correlation
-from .settings import Bound, Limit, Weights, default_limits
+from .settings import Bound, Limit, Weights
 from .spellings import KINDS, NAMED, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
 
 if TYPE_CHECKING:
@@ -88,20 +88,20 @@ def _axes() -> Codec:
 
 def _judged(
     of: Callable[[float], Setting],
-    base: Callable[[agvjax.Plant], Mapping[str, Setting]] = lambda plant: {},
+    usual_limits: bool = False,
     blank: str = "",
 ) -> Codec:
     """Tables of one dataclass by metric, or numbers that stand for one; what is the default is not written.
 
     Args:
         of: the object that a number stands for.
-        base: what the table adds to; a table in which all is the default takes one of them away.
+        usual_limits: whether the table adds to the usual limits; a table in which all is the default takes one away.
         blank: the field that is written where all are the default, which takes nothing away then; empty: none is.
     """
     usual = type(of(1.0))()
 
     def read(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, Setting]:
-        values = dict(base(reader.plant))
+        values = dict(reader.limits) if usual_limits else {}
         for name, value in reader.named(key, table, tuple(METRICS)).items():
             if not isinstance(value, Mapping):
                 values[name] = of(reader.plain(f"{key}.{name}", 1.0, value))
@@ -112,7 +112,8 @@ def _judged(
         return values
 
     def write(writer: Writer, key: str, values: Mapping[str, Setting]) -> Toml:
-        return {name: one(x) for name, x in {**dict.fromkeys(base(writer.plant), usual), **values}.items()}
+        gone = dict.fromkeys(writer.limits if usual_limits else (), usual)
+        return {name: one(x) for name, x in {**gone, **values}.items()}
 
     def one(value: Setting) -> Toml:
         if type(value) is not type(usual):
@@ -194,7 +195,7 @@ CODECS = {
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
     "tune.goals": _judged(lambda x: Weights(mean=x)),
-    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), lambda plant: default_limits(metrics_of(plant))),
+    "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), usual_limits=True),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
     "sweep.metrics": _names(),

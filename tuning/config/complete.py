@@ -12,6 +12,7 @@ from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import Usual, correlated, default_draws
 from .settings import (
+    FOLLOWED_METRICS,
     SWEPT_METRICS,
     WHOLE_ERROR,
     Config,
@@ -33,7 +34,7 @@ def complete(config: Config) -> Config:
     configuration calls this first, so that Python and TOML mean the same.
     """
     plant, law, leaves = config.scenario.plant, config.controller, agvjax.leaves(config.scenario)
-    known = metrics_of(plant)
+    known, follows = metrics_of(config.scenario), law.follows()
     usual = default_draws(plant.actuators, config.scenario.start)
     draws = {name: draw for name, draw in usual.items() if name in leaves}
     axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
@@ -45,16 +46,17 @@ def complete(config: Config) -> Config:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
             tied = correlated(ensemble.draws, ensemble.correlation)
             ensemble = dataclasses.replace(ensemble, draws=tied)
-    goals, limits = default_goals(known, config.simulate.horizon), default_limits(known)
+    goals, limits = default_goals(known, config.simulate.horizon, follows), default_limits(known, follows)
     tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), goals=goals, limits=limits)
-    metrics = tuple(name for name in SWEPT_METRICS if name in known)
+    wanted = FOLLOWED_METRICS if follows else SWEPT_METRICS
+    metrics = tuple(name for name in wanted if name in known)
     sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)
 
 
 def by_whole_error(config: Config) -> Config:
     """A completed configuration, its goal that of `paper-goal` where it is the default one: studies compare by it."""
-    usual = default_goals(metrics_of(config.scenario.plant), config.simulate.horizon)
+    usual = default_goals(metrics_of(config.scenario), config.simulate.horizon)
     if config.tune.goals != usual:
         return config
     return dataclasses.replace(config, tune=dataclasses.replace(config.tune, goals=dict(WHOLE_ERROR)))

@@ -15,6 +15,8 @@ LAWS = {
     "dfc": agvjax.DFC,
     "ftsmc": agvjax.FTSMC,
     "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
+    "regulated_pure_pursuit": agvjax.RegulatedPurePursuit,
+    "path_pid": agvjax.PathPID,
 }
 COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
 PLANTS = {
@@ -23,6 +25,9 @@ PLANTS = {
     "differential_drive": agvjax.DifferentialDrive,
     "kinematic_single_track": agvjax.KinematicSingleTrack,
     "single_track": agvjax.SingleTrack,
+    "base": agvjax.Base,
+    "twist_base": agvjax.TwistBase,
+    "ackermann": agvjax.Ackermann,
 }
 PARTS = {
     "yaw_rate": {"delivered": agvjax.DeliveredYawRate, "kinematic": agvjax.readings.KinematicYawRate},
@@ -59,6 +64,7 @@ CLASSES: Classes = {
         "lemniscate": agvjax.Lemniscate,
         "line": agvjax.Line,
         "waypoints": agvjax.Waypoints,
+        "route": agvjax.Route,
     },
     "scenario.heading": {
         "default": None,

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import metrics_of
 
 from .codecs import CODECS
 from .names import CLASSES, Classes
 from .old import RETIRED
 from .recipes import RECIPES, Recipe
-from .settings import Config
+from .settings import Config, Limit, default_limits
 from .spellings import Toml, numbers
 
 
@@ -27,6 +28,7 @@ class Reader:
         self.notes: list[str] = []  # what was not read
         self.classes = classes
         self.plant: agvjax.Plant = agvjax.Decoupled()  # the scenario's
+        self.limits: Mapping[str, Limit] = {}  # the usual ones of law and scenario
 
     def wrong(self, key: str, value: Toml, rule: str, source: str = "") -> None:
         """Note what is wrong."""
@@ -46,11 +48,16 @@ class Reader:
         return {name: part for name, part in table.items() if name in known}
 
     def config(self, table: Mapping[str, Toml], default: Config) -> Config:
-        """A configuration; its scenario first, since settings of the law and of the tools hang on the plant."""
+        """A configuration; its scenario first, then its law, since settings of the tools hang on them."""
         if "scenario" in table:
             default = dataclasses.replace(default, scenario=self.scenario(default.scenario, table["scenario"]))
         self.plant = default.scenario.plant
-        return self.fields("", default, {name: part for name, part in table.items() if name != "scenario"})
+        if "controller" in table:
+            law = self.read("controller", default.controller, table["controller"])
+            default = dataclasses.replace(default, controller=law)
+        self.limits = default_limits(metrics_of(default.scenario), default.controller.follows())
+        rest = {name: part for name, part in table.items() if name not in ("scenario", "controller")}
+        return self.fields("", default, rest)
 
     def scenario(self, default: agvjax.Scenario, table: Toml) -> agvjax.Scenario:
         """A scenario; its plant first, which has the actuators and their nominal deadzones."""

@@ -10,6 +10,7 @@ import numpy as np
 import agvjax
 
 from ..io.csv_file import KINDS, UNITS, Column, names, read
+from . import routes
 from .spellings import Toml, column, numbers
 
 
@@ -40,12 +41,28 @@ def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
     closed = table.get("closed", False)
     if not isinstance(closed, bool):
         _wrong("closed", closed, "true or false")
-    source = _source(table, "points")
+    rows, _ = _points(table, closed)
+    source = "file" if "file" in table else "points"
+    try:
+        return agvjax.Waypoints.through(rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else 1.0, closed)
+    except ValueError as error:
+        key = "speed" if "speed" in table and str(error).startswith("speed must") else source
+        _wrong(key, table[key], f"what a path can be made of ({error})")
+
+
+def _points(
+    table: Mapping[str, Toml], closed: Toml, optional: Sequence[str] = ("speed",)
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Points, (N, 2) or with a speed each (N, 3), and half widths (N, 2) where the file has both."""
+    source, widths = _source(table, "points"), None
     if source == "file":
-        columns = _file(table, ("x", "y"), ("speed",))
+        columns = _file(table, ("x", "y"), optional)
         points, speed = np.column_stack([columns["x"], columns["y"]]), columns.get("speed")
+        if "left" in columns and "right" in columns:
+            widths = np.column_stack([columns["left"], columns["right"]])
         if closed and len(points) > 3 and np.array_equal(points[0], points[-1]):  # as racing lines are written
             points, speed = points[:-1], None if speed is None else speed[:-1]
+            widths = None if widths is None else widths[:-1]
     else:
         rule = "a list of [x, y] in m, or of [x, y, speed]"
         rows = _array(table, "points", rule)
@@ -56,11 +73,24 @@ def _waypoints(table: Mapping[str, Toml]) -> agvjax.Waypoints:
         _wrong("speed", table["speed"], f"absent where the {source} has speeds")
     if "speed" in table:
         speed = _array(table, "speed", "a number > 0 in m/s, or one for each point")
-    try:
-        return agvjax.Waypoints.through(points, speed, closed)
-    except ValueError as error:
-        key = "speed" if "speed" in table and str(error).startswith("speed must") else source
-        _wrong(key, table[key], f"what a path can be made of ({error})")
+    if speed is None:
+        return points, widths
+    if speed.shape not in ((), (len(points),)):
+        _wrong("speed", f"shape {speed.shape}", f"a number in m/s, or one for each of {len(points)} points")
+    return np.column_stack([points, np.broadcast_to(speed, len(points))]), widths
+
+
+def _route(table: Mapping[str, Toml]) -> agvjax.Route:
+    """Along a shape, or of `file` and its `columns`, or `points`; and how to lay it, see `routes.laid`."""
+    if "along" in table:
+        for name in ("file", "points", "columns"):
+            if name in table:
+                _wrong(name, table[name], "absent where the route is along a shape")
+        return routes.laid(table, None, None)
+    if "file" not in table and "points" not in table:
+        _wrong("file", "", "the name of a CSV file, where there are neither points nor a shape that the route is along")
+    rows, widths = _points(table, table.get("closed"), ("speed", "left", "right"))
+    return routes.laid(table, rows, widths)
 
 
 def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
@@ -94,6 +124,14 @@ RECIPES: dict[type, Recipe] = {
         ("x", "y", "speed"),
         "a column speed [m/s], or the one that scenario.path.columns names, would be; without one"
         " scenario.path.speed holds, 1 m/s where it is not set",
+    ),
+    agvjax.Route: Recipe(
+        ("file", "columns", "points", "speed", "along", *routes.LAYING),
+        _route,
+        routes.table_of,
+        ("x", "y", "speed", "left", "right"),
+        "a column speed [m/s], negative where the route is driven backwards, and left and right, the half widths of a"
+        " corridor [m], would be",
     ),
     agvjax.Recorded: Recipe(
         ("file", "columns", "times", "values", "amplitude"),

@@ -39,6 +39,7 @@ MEMORY = Rule("from 10^-3 to 10", lambda x: (x >= 1e-3) & (x <= 10))
 PACE = Rule("from 10^-3 to 10^3", lambda x: (x >= 1e-3) & (x <= 1e3))
 LATE = tuple(f"rmse_late_{axis}" for axis in AXES)
 SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
+FOLLOWED_METRICS = ("cross_track", "cross_track_late", "cross_track_peak_late", "pace", "total_chatter", "standstill")
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
 
 
@@ -91,20 +92,32 @@ class Limit:
 WHOLE_ERROR = {"total_rmse": Weights(mean=1.0, worst=0.3)}  # the goal of the preset paper-goal
 
 
-def default_goals(known: Collection[str] = METRICS, horizon: object = np.inf) -> dict[str, Weights]:
+def default_goals(
+    known: Collection[str] = METRICS, horizon: object = np.inf, follows: bool = False
+) -> dict[str, Weights]:
     """The error of the whole run, which is that of its start, and of each channel what is left after the start.
 
     A late error weighs a fortieth: little enough that the whole error hardly suffers, enough that no late error of the
     paper's law rises (docs/tuning.md has what other weights do). Runs shorter than twice the start have none.
+
+    A law that `follows` a route is to lie on it: its goal is the distance to it once the start is over.
     """
+    long = isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late)
+    if follows:
+        return {"cross_track_late" if long else "cross_track": Weights(mean=1.0, worst=0.3)}
     goals = dict(WHOLE_ERROR)
-    if isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late):
+    if long:
         goals |= {name: Weights(mean=0.025) for name in LATE if name in known}
     return goals
 
 
-def default_limits(known: Collection[str] = METRICS) -> dict[str, Limit]:
-    """No more command than the starting gains ask for, on average and at worst; of the metrics that are `known`."""
+def default_limits(known: Collection[str] = METRICS, follows: bool = False) -> dict[str, Limit]:
+    """No more command than the starting gains ask for, on average and at worst; of the metrics that are `known`.
+
+    A law that `follows` a route is to be no slower, and its command to vary by no more than half as much again.
+    """
+    if follows:
+        return {"pace": Limit(mean=1.0), "total_chatter": Limit(mean=1.5)}
     limited = [name for name in ("effort", "peak_position", "peak_heading") if name in known]
     return dict.fromkeys(limited, Limit(mean=1.0, worst=1.0))
 

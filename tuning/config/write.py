@@ -11,23 +11,25 @@ import numpy as np
 import tomli_w
 
 import agvjax
+from agvjax.metric_table import metrics_of
 
 from .codecs import CODECS
 from .imports import classes, source
 from .names import CLASSES
 from .read import Reader
 from .recipes import RECIPES
-from .settings import VERSION, Config
+from .settings import VERSION, Config, Limit, default_limits
 from .spellings import Toml, flat
 
 
 class Writer:
     """Makes tables of objects; collects what cannot be written in TOML, and the files that classes come from."""
 
-    def __init__(self, plant: agvjax.Plant) -> None:
+    def __init__(self, plant: agvjax.Plant, limits: Mapping[str, Limit] | None = None) -> None:
         self.faults: list[agvjax.Fault] = []
         self.imports: dict[str, str] = {}
         self.plant = plant  # the scenario's
+        self.limits = {} if limits is None else limits  # the usual ones of law and scenario
 
     def write(self, key: str, value: Any, usual: Any) -> Toml:
         """What stands at `key`; `usual` is the default there."""
@@ -86,7 +88,8 @@ class Writer:
 
 def table_of(config: Config, settings: bool = False) -> tuple[dict[str, Toml], Writer]:
     """The table of a configuration, or of all but its law, its scenario and its imports; and its writer."""
-    writer = Writer(config.scenario.plant)
+    limits = default_limits(metrics_of(config.scenario), config.controller.follows())
+    writer = Writer(config.scenario.plant, limits)
     left, default = {"imports", "controller", "scenario"} if settings else {"imports"}, vars(Config())
     parts = {name: part for name, part in vars(config).items() if name not in left}
     table = {name: writer.write(name, part, default[name]) for name, part in parts.items()}

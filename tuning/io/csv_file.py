@@ -25,6 +25,7 @@ UNITS = {  # what one of the unit is in SI
 }
 
 KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
+KINDS |= dict.fromkeys(("left", "right"), "m cm mm")  # of a corridor
 KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}  # units of our names
 
 

@@ -28,7 +28,7 @@ def faults(config: Config) -> list[Fault]:
     wrong = (
         wrong or _size(config) or rules.timing_faults(config, "sweep") or ends.faults(config, moving(config), ["sweep"])
     )
-    known = metrics_of(config.scenario.plant)
+    known = metrics_of(config.scenario)
     asked = {"sweep.metrics": config.sweep.metrics, "sweep.fails": config.sweep.fails}
     wrong += [
         Fault(key, name, f"one of those known{near(name, known)}")

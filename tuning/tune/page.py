@@ -11,7 +11,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import METRICS, metrics_of
 
-from ..config.settings import LATE
+from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
@@ -143,10 +143,12 @@ def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
 
 def shown(problem: TuningProblem) -> tuple[str, ...]:
     """The metrics that a report shows: the usual ones, those of actuators, and all that goals and limits name."""
-    plant = problem.config.scenario.plant
+    scenario, law = problem.config.scenario, problem.config.controller
+    plant = scenario.plant
     delivered = [] if type(plant) is agvjax.Decoupled else sorted(n for n, row in METRICS.items() if row.delivered)
-    names = dict.fromkeys([*SHOWN, *delivered, *problem.tuner.objective.names])
-    return tuple(name for name in names if name in metrics_of(plant))
+    usual = (*FOLLOWED_METRICS, "time_to_finish") if law.follows() else SHOWN
+    names = dict.fromkeys([*usual, *delivered, *problem.tuner.objective.names])
+    return tuple(name for name in names if name in metrics_of(scenario))
 
 
 def _path(config: Any) -> str:

@@ -77,7 +77,7 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
     if tune.search.rounds and not any(part.worst for part in asked):
         rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
         found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, rule))
-    known = metrics_of(config.scenario.plant)
+    known = metrics_of(config.scenario)
     for key, names in (("goals", tune.goals), ("limits", tune.limits)):
         found += [
             agvjax.Fault(f"tune.{key}.{name}", "asked for", "absent: this plant's heading cannot be commanded")

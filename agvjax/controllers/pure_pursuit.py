@@ -1,0 +1,86 @@
+"""Regulated pure pursuit, under the names, units and defaults of Nav2's controller of that name."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._pytree import POSITIVE, Real, number, pytree, structure
+from ..geometry import into_body, safe_sqrt
+from ..messages import Measurement
+from ..paths.place import Place
+from ..paths.route import Route
+from .following import Regulated
+
+STEPS = 3  # of Newton's method to the carrot
+NAV2 = "Nav2, nav2_regulated_pure_pursuit_controller"
+
+
+@pytree
+class RegulatedPurePursuit(Regulated):
+    """Steers along the arc through a point ahead, the carrot, and slows down in turns and at the end.
+
+    The carrot is the first point of the route ahead of the nearest one whose distance is the look-ahead; beyond the end
+    of a leg it is the end. kappa = 2 y / distance^2, y across the vehicle; w = v kappa.
+    """
+
+    desired_linear_vel: Real = number(0.5, "m/s", POSITIVE, NAV2 + ", the route's profile limits it too")
+    lookahead_dist: Real = number(0.6, "m", POSITIVE, NAV2)
+    min_lookahead_dist: Real = number(0.3, "m", POSITIVE, NAV2)
+    max_lookahead_dist: Real = number(0.9, "m", POSITIVE, NAV2)
+    lookahead_time: Real = number(1.5, "s", POSITIVE, NAV2)
+    min_approach_linear_velocity: Real = number(0.05, "m/s", POSITIVE, NAV2)
+    approach_velocity_scaling_dist: Real = number(0.6, "m", POSITIVE, NAV2)
+    use_velocity_scaled_lookahead_dist: bool = structure(False)
+    use_regulated_linear_velocity_scaling: bool = structure(True)
+
+    tunable = (
+        *("lookahead_time", "min_lookahead_dist"),
+        *("regulated_linear_scaling_min_radius", "regulated_linear_scaling_min_speed"),
+    )
+
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """Those that count: the look-ahead by time or by distance, and the regulation."""
+        scaled, fixed = ("lookahead_time", "min_lookahead_dist"), ("lookahead_dist",)
+        regulation = self.tunable[2:] if self.use_regulated_linear_velocity_scaling else ()
+        return (*(scaled if self.use_velocity_scaled_lookahead_dist else fixed), *regulation)
+
+    def look_ahead(self, speed: Array) -> Float[Array, ""]:
+        """The look-ahead [m] at a speed [m/s]."""
+        if not self.use_velocity_scaled_lookahead_dist:
+            return jnp.asarray(self.lookahead_dist) + jnp.zeros_like(speed)
+        return jnp.clip(jnp.abs(speed) * self.lookahead_time, self.min_lookahead_dist, self.max_lookahead_dist)
+
+    def carrot(self, here: Place, route: Route, position: Float[Array, "2"], look: Array) -> Float[Array, "2"]:
+        """The point ahead at that distance: Newton's method along the route from the one as far along it."""
+        arc = here.arc + look
+        for _ in range(STEPS):
+            place = route.at(arc, here.leg)
+            away = place.position - position
+            distance = safe_sqrt(jnp.sum(away**2))
+            grows = jnp.sum(away * place.tangent) / jnp.maximum(distance, 1e-9)
+            arc = jnp.maximum(arc + jnp.clip((look - distance) / jnp.maximum(grows, 0.3), -look / 2, look), here.arc)
+        return route.at(arc, here.leg).position
+
+    def steer(
+        self, own: tuple[()], here: Place, route: Route, measurement: Measurement, period: Real
+    ) -> tuple[Float[Array, "2"], tuple[()]]:
+        """Twist."""
+        along, _ = into_body(measurement.velocity, measurement.heading)
+        carrot = self.carrot(here, route, measurement.position, self.look_ahead(along))
+        away = carrot - measurement.position
+        _, across = into_body(away, measurement.heading)
+        square = jnp.sum(away**2)
+        curvature = here.sign * 2 * across / jnp.maximum(square, 1e-6)  # of travel: w = |v| curvature
+        wanted = jnp.minimum(jnp.asarray(self.desired_linear_vel), here.speed)
+        if self.use_regulated_linear_velocity_scaling:
+            wanted = self.regulated(wanted, curvature)
+        wanted = self._approaching(wanted, here)
+        return self.twist(wanted, here.sign, curvature), ()
+
+    def _approaching(self, speed: Array, here: Place) -> Array:
+        """Slower within the approach distance of the end of a leg, in proportion to what is left of it."""
+        near = self.approach_velocity_scaling_dist
+        share = jnp.minimum(here.remaining / near, 1.0)
+        slow = jnp.maximum(speed * share, self.min_approach_linear_velocity)
+        return jnp.where(here.remaining < near, jnp.minimum(speed, slow), speed)

@@ -1,0 +1,73 @@
+"""Pieces of a route, looked up in its tables: quintic polynomials of the share of a piece."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._pytree import Numbers
+
+STEPS = 2  # of Newton's method on a piece
+FLAT = 0.2  # least of 1 - curvature x deviation in them: at 0 lies the centre of the curve, equally near to all of it
+
+
+class Piece(NamedTuple):
+    """A piece of a route, looked up."""
+
+    index: Array
+    coefficients: list[Array]  # (12,) m, of the powers of the share
+    begins: Array  # m, where its leg begins, less the pieces before that
+    pace: Array  # pieces in a metre
+    sign: Array
+
+    @classmethod
+    def of(cls, table: Numbers, legs: Numbers, arc: Array, leg: Array) -> Piece:
+        """The piece of an arc length; beyond the ends of a leg its first or last."""
+        begins, pace, first, sign = (jnp.asarray(row) for row in legs)
+        low, high = first, jnp.append(first, table.shape[1])[1:]
+        parts = begins - first / pace, pace, sign, low, high
+        if len(begins) == 1:
+            begins, pace, sign, low, high = (part[0] for part in parts)
+        else:
+            begins, pace, sign, low, high = (of_leg(part, leg) for part in parts)
+        index = jnp.clip(jnp.floor((arc - begins) * pace), low, high - 1).astype(int)
+        return cls(index, [look(table, k, index) for k in range(12)], begins, pace, sign)
+
+    def share(self, arc: Array) -> Array:
+        """How much of it lies before an arc length."""
+        return (arc - self.begins) * self.pace - self.index
+
+    def curve(self, share: Array) -> tuple[Array, Array, Array]:
+        """Position, and its first and second derivative by the share."""
+        values = []
+        for k in (0, 6):
+            c0, c1, c2, c3, c4, c5 = self.coefficients[k : k + 6]
+            x = c0 + share * (c1 + share * (c2 + share * (c3 + share * (c4 + share * c5))))
+            rate = c1 + share * (2 * c2 + share * (3 * c3 + share * (4 * c4 + share * 5 * c5)))
+            second = 2 * c2 + share * (6 * c3 + share * (12 * c4 + share * 20 * c5))
+            values.append((x, rate, second))
+        p, rate, second = (jnp.stack(pair) for pair in zip(*values, strict=True))
+        return p, rate, second
+
+    def nearest(self, position: Array, arc: Array, most: Array) -> Array:
+        """The arc length [m] of its point nearest to a position, no step longer than `most` [m]."""
+        for _ in range(STEPS):
+            p, rate, second = self.curve(self.share(arc))
+            away = position - p
+            slope, bend = jnp.sum(away * rate), jnp.sum(rate * rate)
+            step = slope / jnp.maximum(bend - jnp.sum(away * second), FLAT * bend) / self.pace
+            arc = arc + jnp.clip(step, -most, most)
+        return arc
+
+
+def look(table: Numbers, row: int, index: Array) -> Array:
+    """One number of a table; of the flat one, so that no row of it is copied."""
+    flat = jnp.asarray(table).reshape(-1)
+    return flat.at[index + row * table.shape[1]].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def of_leg(row: Array, leg: Array) -> Array:
+    """The number of a leg."""
+    return row.at[leg.astype(int)].get(mode="clip")

@@ -1,0 +1,258 @@
+"""A path by arc length: what a vehicle follows that looks at where it is and not at a clock.
+
+Laid on the host (`Route.along` any path, `Route.through` points, `Route.corners` points joined by straight lines) and
+looked up in the loop. A route has one or more legs, each driven forwards or backwards; where they meet the vehicle
+stops and turns back. Its speed is a profile over the arc length. A law remembers its progress along the route
+(`Place`), moved at its instants by `Route.follow`: so it stays on its branch where the route crosses itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float
+
+from .._pytree import POSITIVE, Numbers, Real, number, pytree, structure
+from ..geometry import direction, safe_sqrt
+from ..protocols import Path
+from .corners import corners
+from .laying import Laid, along, through
+from .pieces import FLAT, Piece, look, of_leg
+from .place import Place
+from .profile import SpeedLimits
+
+PACE = 4.0  # times its own motion, that progress may move in a step: inside a curve it is faster than the vehicle
+SLIDE = 1e-3  # of the route's length, by which progress may move in a step however slow the vehicle is
+TURN = 1.0  # m that a radian of a wrong heading counts as where a vehicle looks for its place; or a tenth of the length
+
+
+@pytree
+class Route(Path):
+    """A path by arc length with a speed profile, driven forwards and backwards; made by one of its class methods.
+
+    By a clock (`route(t)`) it is run at its profile from its beginning, again and again where it is closed; an open one
+    ends at its last point.
+    """
+
+    table: Numbers  # (12, n) m, coefficients of the powers of the share of n pieces, x then y
+    squares: Numbers  # (2, n) m^2/s^2, squared speed at the beginning of each piece, and its change over it
+    instants: Numbers  # (n + 1,) s, when each piece begins by the clock, and the end
+    legs: Numbers  # (4, m) of each leg: where it begins [m], pieces in a metre, its first piece, its sign
+    length: Numbers  # m
+    reached: Real = number(0.02, "m", POSITIVE, "from the end of a leg, where it is done")
+    half_widths: Numbers | None = None  # (4, n) m, left and right at the beginning of each piece, and their changes
+    closed: bool = structure(False)
+    made: str = structure("")  # the table of TOML that it was laid of, as JSON; empty where Python laid it
+
+    @classmethod
+    def along(
+        cls, path: Path, *, until: float | None = None, limits: SpeedLimits | None = None, half_width: ArrayLike = 0.0
+    ) -> Route:
+        """The route of any path, at its own speed.
+
+        Args:
+            path: with a lap or an end, or `until` [s] says how much of it.
+            until: where the route ends; None takes the path's lap (closed) or end.
+            limits: what the speed is reduced to; see `SpeedLimits`.
+            half_width: of a corridor [m], one or left and right; 0: no corridor.
+
+        Raises:
+            ValueError: a path without an end, or one that stands still or has a corner.
+        """
+        return cls._of(along(path, until), limits, half_width)
+
+    @classmethod
+    def through(
+        cls,
+        points: ArrayLike,
+        speed: ArrayLike | None = None,
+        *,
+        closed: bool = False,
+        limits: SpeedLimits | None = None,
+        half_width: ArrayLike = 0.0,
+    ) -> Route:
+        """A spline through points (N, 2) [m], as `Waypoints.through` lays it, driven backwards where speed is negative.
+
+        Where the sign changes, at the last point before, a leg ends.
+
+        Args:
+            points: (N, 2) m, or (N, 3) with a speed each.
+            speed: m/s, one or one for each point; 1 m/s where none is given.
+            closed: whether it goes on from the last point to the first.
+            limits: what the speed is reduced to; see `SpeedLimits`.
+            half_width: of a corridor [m], one, left and right, or (N, 2); 0: no corridor.
+
+        Raises:
+            ValueError: too few points, equal ones, numbers that are none, a speed of 0.
+        """
+        return cls._of(through(points, speed, closed), limits, half_width)
+
+    @classmethod
+    def corners(
+        cls,
+        points: ArrayLike,
+        speed: ArrayLike | None = None,
+        *,
+        radius: float | None = None,
+        tolerance: float | None = None,
+        closed: bool = False,
+        limits: SpeedLimits | None = None,
+        half_width: ArrayLike = 0.0,
+    ) -> Route:
+        """Straight lines between points (N, 2) [m], their corners rounded by arcs; arguments as those of `through`.
+
+        Args:
+            points: the corners.
+            speed: m/s, one or one for each line by its first point; negative: backwards.
+            radius: of every corner [m].
+            tolerance: how far [m] from a corner its arc may pass; arcs are made as wide as it and the lines allow.
+            closed: whether a line leads from the last point to the first.
+            limits: what the speed is reduced to.
+            half_width: of a corridor [m].
+
+        Raises:
+            ValueError: as `through`; neither or both of radius and tolerance; a corner that an arc does not fit in.
+        """
+        return cls._of(corners(points, speed, closed, radius, tolerance), limits, half_width)
+
+    @classmethod
+    def _of(cls, laid: Laid, limits: SpeedLimits | None, half_width: ArrayLike) -> Route:
+        parts = laid.tables(SpeedLimits() if limits is None else limits, half_width)
+        return cls(**parts, closed=laid.closed)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
+        """Position [m] at time `t` [s] of a vehicle that runs at the profile."""
+        return self._at(*self.clock(t)).position
+
+    def bearing(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """Heading [rad] at time `t` [s]; backwards the vehicle looks back."""
+        return self._at(*self.clock(t)).heading()
+
+    def by_arc(self) -> bool:
+        """It is."""
+        return True
+
+    def end(self) -> float:
+        """When [s] an open route ends by the clock."""
+        return np.inf if self.closed else float(np.asarray(self.instants)[-1])
+
+    def lap(self) -> float | None:
+        """Time [s] of one lap of a closed route."""
+        return float(np.asarray(self.instants)[-1]) if self.closed else None
+
+    def clock(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Arc length [m] and leg at a time [s], at constant acceleration within a piece."""
+        instants, last = jnp.asarray(self.instants), self.instants.shape[0] - 1
+        end = instants[last]
+        # not clip: its slope is a half at either end
+        t = jnp.mod(t, end) if self.closed else jnp.where(t > end, end, jnp.where(t < 0, jnp.zeros_like(t), t))
+        piece = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, last - 1)
+        square, change = (look(self.squares, k, piece) for k in range(2))
+        begins, pace, first, _ = (jnp.asarray(row) for row in self.legs)
+        leg = jnp.sum(piece >= first).astype(int) - 1
+        after = t - instants[piece]
+        way = after * (safe_sqrt(square) + after * change * pace[leg] / 4)
+        return begins[leg] + (piece - first[leg].astype(int)) / pace[leg] + way, leg.astype(t.dtype)
+
+    def ahead_of_clock(self, arc: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
+        """How far [m] a vehicle is before where it would be by the clock; on a closed route at most half a lap."""
+        away = arc - clock
+        length = jnp.asarray(self.length)
+        return away - length * jnp.round(away / length) if self.closed else away
+
+    def at(self, arc: Float[Array, ""], leg: Float[Array, ""]) -> Place:
+        """The route at an arc length [m] of a leg, at most at its end; of a closed route of any lap."""
+        return self._at(self._kept(arc, leg), leg)
+
+    def _at(self, arc: Array, leg: Array) -> Place:
+        return self._on(Piece.of(self.table, self.legs, arc, leg), arc, leg)
+
+    def _on(self, piece: Piece, arc: Array, leg: Array) -> Place:
+        """A place whose piece has been looked up."""
+        share = piece.share(arc)
+        p, rate, second = piece.curve(share)
+        length = jnp.sqrt(jnp.sum(rate * rate))
+        inside = jnp.clip(share, 0, 1)
+        square, change = (look(self.squares, k, piece.index) for k in range(2))
+        room = None
+        if self.half_widths is not None:
+            left, left_change, right, right_change = (look(self.half_widths, k, piece.index) for k in range(4))
+            room = left + inside * left_change, right + inside * right_change
+        return Place(
+            arc=arc,
+            leg=leg,
+            position=p,
+            tangent=rate / length,
+            curvature=(rate[0] * second[1] - rate[1] * second[0]) / length**3,
+            speed=safe_sqrt(jnp.maximum(square + change * inside, 0)),
+            sign=piece.sign,
+            remaining=self._leg_end(leg) - arc,
+            room=room,
+        )
+
+    def follow(
+        self, position: Float[Array, "2"], place: Place, velocity: Float[Array, "2"], h: Float[Array, ""]
+    ) -> Place:
+        """The place of a vehicle that was at another `h` [s] ago: the nearest point of its leg, or the next leg.
+
+        By Newton's method from the curve as it was there. Progress moves by little more than the vehicle can have come,
+        so that it does not leap to another branch; and to the next leg where no more than `reached` [m] is left.
+        """
+        most = PACE * h * safe_sqrt(jnp.sum(velocity**2)) + SLIDE * jnp.asarray(self.length)
+        tight = jnp.maximum(1 - place.curvature * place.across(position), FLAT)
+        arc = self._kept(place.arc + jnp.clip(place.ahead(position) / tight, -most, most), place.leg)
+        piece = Piece.of(self.table, self.legs, arc, place.leg)
+        arc = piece.nearest(position, arc, most)
+        if self.closed:  # the piece goes on past the seam; the arc length begins anew there
+            return dataclasses.replace(self._on(piece, arc, place.leg), arc=self._kept(arc, place.leg))
+        return self._onward(self._on(piece, self._kept(arc, place.leg), place.leg))
+
+    def _onward(self, place: Place) -> Place:
+        """The beginning of the next leg where no more than `reached` [m] of this one is left."""
+        if self.legs.shape[1] == 1:
+            return place
+        over = (place.remaining <= self.reached) & (place.leg < self.legs.shape[1] - 1)
+        arc = jnp.where(over, self._leg_end(place.leg), place.arc)
+        return self._at(arc, place.leg + over.astype(place.leg.dtype))
+
+    def arrived(self, place: Place) -> Bool[Array, ""]:
+        """Whether a vehicle is within `reached` of the end of an open route."""
+        return (place.leg >= self.legs.shape[1] - 1) & (place.remaining <= self.reached)
+
+    def search(self, position: Float[Array, "2"], heading: Float[Array, ""]) -> Place:
+        """Where on the whole route a vehicle with this heading starts: near, and in the direction that it looks in.
+
+        Of two places the nearer one, a heading that is off by an angle a counted as 2 sin(a / 2) m, at most as that
+        times a tenth of the route's length. On a route with several legs it starts with the first.
+        """
+        begins, pace, first, sign = (jnp.asarray(row) for row in self.legs)
+        count = self.squares.shape[1] if begins.shape[0] == 1 else first[1].astype(int)
+        table = jnp.asarray(self.table)
+        x, y, x_rate, y_rate = table[0], table[6], table[1], table[7]
+        look = direction(heading) * sign[0]
+        cosine = (look[0] * x_rate + look[1] * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
+        weight = jnp.minimum(TURN, jnp.asarray(self.length) / 10)
+        score = (x - position[0]) ** 2 + (y - position[1]) ** 2 + 2 * weight**2 * (1 - cosine)
+        index = jnp.argmin(jnp.where(jnp.arange(self.squares.shape[1]) < count, score, jnp.inf))
+        arc, leg = index / pace[0], jnp.zeros_like(heading)
+        for _ in range(3):
+            arc = self._kept(Piece.of(self.table, self.legs, arc, leg).nearest(position, arc, 1 / pace[0]), leg)
+        return self._at(arc, leg)
+
+    def _kept(self, arc: Array, leg: Array) -> Array:
+        """Within the leg, or on the lap."""
+        if self.closed:
+            length = jnp.asarray(self.length)
+            return arc - length * jnp.floor(arc / length)
+        begins = jnp.asarray(self.legs[0])
+        return jnp.clip(arc, begins[0] if begins.shape[0] == 1 else of_leg(begins, leg), self._leg_end(leg))
+
+    def _leg_end(self, leg: Array) -> Array:
+        """Where [m] the leg ends."""
+        if self.closed:
+            return jnp.full_like(leg, jnp.inf)
+        ends = jnp.append(jnp.asarray(self.legs[0])[1:], jnp.asarray(self.length))
+        return ends[0] if ends.shape[0] == 1 else of_leg(ends, leg)

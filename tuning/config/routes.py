@@ -1,0 +1,131 @@
+"""Tables of TOML into routes, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import agvjax
+
+from .spellings import Toml, numbers
+
+SHAPES = {
+    "dumbbell": agvjax.Dumbbell,
+    "circle": agvjax.Circle,
+    "lemniscate": agvjax.Lemniscate,
+    "line": agvjax.Line,
+}
+LAYING = ("closed", "radius", "tolerance", "until", "limits", "half_width")
+FLAGS = ("closed",)
+
+
+def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray | None) -> agvjax.Route:
+    """A route of a table: along a shape, or of rows (N, 2) or (N, 3) of points and speeds; with half widths (N, 2).
+
+    Raises:
+        agvjax.InputError: with keys of the table.
+    """
+    given = {name: _value(table, name) for name in LAYING if name in table}
+    limits = _limits(table.get("limits", {}))
+    half_width = given.get("half_width", 0.0) if widths is None else widths
+    common = {"limits": limits, "half_width": half_width}
+    key = "along" if rows is None else "file" if "file" in table else "points"
+    try:
+        if rows is None:
+            _absent(table, given, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
+            route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), **common)
+        else:
+            _absent(table, given, ("until",), "but where the route is along a shape")
+            points, speed = rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else 1.0
+            closed = given.get("closed", False)
+            corner = {name: given[name] for name in ("radius", "tolerance") if name in given}
+            lay: Any = agvjax.Route.corners if corner else agvjax.Route.through
+            route = lay(points, speed, closed=closed, **corner, **common)
+    except ValueError as error:
+        if isinstance(error, agvjax.InputError):
+            raise
+        named = str(error).split(maxsplit=1)[0]
+        bad = named if named in table else key
+        raise agvjax.InputError([agvjax.Fault(bad, table[bad], f"what a route can be made of ({error})")]) from error
+    made = {name: table[name] for name in ("along", *LAYING) if name in table}
+    if rows is not None:
+        made["points"] = rows.tolist()
+        made["half_width"] = np.asarray(half_width).tolist()
+    return dataclasses.replace(route, made=json.dumps(made))
+
+
+def table_of(route: agvjax.Route) -> dict[str, Toml]:
+    """The table that `laid` makes the route of again; a route that Python laid has none."""
+    return json.loads(route.made) if route.made else {"points": "laid in Python"}
+
+
+def _absent(table: Mapping[str, Toml], given: Mapping[str, Any], names: tuple[str, ...], why: str) -> None:
+    wrong = [agvjax.Fault(name, table[name], f"absent {why}") for name in names if name in table]
+    if wrong:
+        raise agvjax.InputError(wrong)
+
+
+def _value(table: Mapping[str, Toml], name: str) -> Any:
+    """A flag, a table, or numbers."""
+    value = table[name]
+    if name == "limits":
+        return value
+    if name in FLAGS:
+        if not isinstance(value, bool):
+            raise agvjax.InputError([agvjax.Fault(name, value, "true or false")])
+        return value
+    array = numbers(value)
+    if array is None or not array.size or (array.ndim and name != "half_width"):
+        rule = "a number in m, left and right, or a pair for each point" if name == "half_width" else "a number"
+        raise agvjax.InputError([agvjax.Fault(name, value, rule)])
+    return array if array.ndim else float(array)
+
+
+def _limits(table: Toml) -> agvjax.SpeedLimits:
+    """The speed limits of a table."""
+    usual = agvjax.SpeedLimits()
+    if not isinstance(table, Mapping):
+        raise agvjax.InputError([agvjax.Fault("limits", table, f"a table with {', '.join(vars(usual))}")])
+    wrong, values = [], {}
+    for name, value in table.items():
+        key, number = f"limits.{name}", numbers(value)
+        if name not in vars(usual):
+            wrong.append(agvjax.Fault(key, value, f"one of {', '.join(vars(usual))}"))
+        elif name == "stop":
+            if not isinstance(value, bool):
+                wrong.append(agvjax.Fault(key, value, "true or false"))
+            values[name] = bool(value)
+        elif number is None or number.ndim or not number > 0:
+            wrong.append(agvjax.Fault(key, value, "a number > 0; inf for no limit"))
+        else:
+            values[name] = float(number)
+    if wrong:
+        raise agvjax.InputError(wrong)
+    return dataclasses.replace(usual, **values)
+
+
+def _shape(table: Toml) -> agvjax.Path:
+    """A shape by its name, or by a table of it."""
+    table = {"type": table} if isinstance(table, str) else table
+    kind = table.get("type") if isinstance(table, Mapping) else None
+    if not isinstance(table, Mapping) or kind not in SHAPES:
+        rule = f"one of {', '.join(SHAPES)}, or a table with its type and numbers"
+        raise agvjax.InputError([agvjax.Fault("along", table, rule)])
+    shape, wrong, values = SHAPES[kind](), [], {}
+    for name, value in table.items():
+        if name == "type":
+            continue
+        array = numbers(value)
+        if name not in agvjax.leaves(shape) or array is None:
+            wrong.append(agvjax.Fault(f"along.{name}", value, f"a number of {kind}: {', '.join(agvjax.leaves(shape))}"))
+        else:
+            values[name] = array if array.ndim else float(array)
+    shape = agvjax.replace(shape, values)
+    wrong += [fault._replace(key=f"along.{fault.key}") for fault in agvjax.faults(shape)]
+    if wrong:
+        raise agvjax.InputError(wrong)
+    return shape
