@@ -4,6 +4,7 @@ The files in tests/data/nav2 are ours, in the shapes that public ones have. What
 """
 
 import difflib
+import json
 import random
 
 import numpy as np
@@ -268,6 +269,36 @@ def test_a_value_that_others_have_is_not_written():
     assert after == text.replace("curvature_lookahead_dist: *far", "curvature_lookahead_dist: 0.4")
     after = nav2.write(text, {"desired_linear_vel": 0.4}, "Ramp")
     assert after == text.replace("desired_linear_vel: *slow", "desired_linear_vel: 0.4")
+
+
+def test_what_only_holds_an_anchor_is_nobodys(tmp_path):
+    text = f"held: &held {{plugin: {RPP}, lookahead_dist: 0.6}}\nserver:\n  ros__parameters:\n    Hall: *held\n"
+    after = nav2.write(text, {"lookahead_dist": 0.5, "lookahead_time": 1.0})
+    assert after == text.replace("lookahead_dist: 0.6", "lookahead_time: 1.0, lookahead_dist: 0.5")
+    text += "    Ramp: *held\n"
+    assert len(faults(nav2.write, text, {"lookahead_dist": 0.5, "lookahead_time": 1.0}, "Hall")) == 2
+
+
+def test_json_stays_json():
+    parameters = {"FollowPath": {"plugin": RPP, "lookahead_dist": 0.6}}
+    text = json.dumps({"controller_server": {"ros__parameters": parameters}})
+    after = nav2.write(text, {"lookahead_time": 1.25})
+    assert json.loads(after)["controller_server"]["ros__parameters"]["FollowPath"]["lookahead_time"] == 1.25
+
+
+def test_a_form_that_cannot_be_written_is_refused():
+    head = "controller_server:\n  ros__parameters:\n    FollowPath:\n"
+    text = f"{head}      ? plugin\n      : {RPP}\n      ? lookahead_dist\n      : 0.6\n"
+    assert "by hand" in faults(nav2.write, text, {"lookahead_time": 1.25})[0]
+    assert nav2.write(text, {"lookahead_dist": 0.5}) == text.replace("0.6", "0.5")
+
+
+@pytest.mark.parametrize("value", ["[0.6]", "{a: 0.6}", "\n        a: 0.6"])
+def test_a_list_or_a_table_is_no_value(value, tmp_path):
+    file = one(tmp_path, [f"lookahead_dist: {value}"])
+    said = "controller_server.FollowPath.lookahead_dist = a list or table: must be a single value"
+    assert faults(nav2.read, file)[0].startswith(said)
+    assert faults(nav2.write, file.read_text(), {"lookahead_dist": 0.5})[0].startswith(said)
 
 
 def test_an_anchor_that_nobody_uses_is_kept(tmp_path):

@@ -17,11 +17,12 @@ from agvjax import Fault, InputError
 from .. import files
 from ..yaml_text import Document, parse, plain
 from .names import FREQUENCY, PARAMETERS
-from .rules import twice, untold, wrong
+from .rules import malformed, untold, wrong
 from .section import KEY, found_in, frequency_of, ignored, remarks, section_of, spelled
 from .splice import spliced
 
 LARGEST_FILE = 1_000_000  # bytes
+GIVEN = "the text"  # what messages call a file of which only the text is known
 OWN = ("plugin", "primary_controller")  # what says which plugin a section is of
 
 
@@ -86,11 +87,11 @@ def write(source_text: str, tuned: Mapping[str, float | bool], controller: str |
     Raises:
         agvjax.InputError: a name or a value that cannot be written, or one that would change another controller too.
     """
-    document = _document(source_text, KEY)
-    section = section_of(document, controller, KEY)
-    if faults := untold(tuned) + twice(document, section, KEY):
-        raise InputError(faults)
+    document = _document(source_text, GIVEN)
+    section = section_of(document, controller, GIVEN)
     found = found_in(document, section)
+    if faults := untold(tuned) + malformed(document, section, found, GIVEN):
+        raise InputError(faults)
     names = {law: name for name, law in spelled(found).items()}
     wanted = {names.get(law, law): tuned[law] for law in PARAMETERS if law in tuned}
     return spliced(document, section.plugin, found, wanted, section.name)

@@ -17,7 +17,7 @@ def wrong(
     document: Document, section: Section, found: Mapping[str, Leaf], frequency: Leaf | None, file: str
 ) -> list[Fault]:
     """Everything that is wrong with a section and its server's frequency, each once."""
-    faults = twice(document, section, file)
+    faults = malformed(document, section, found, file)
     known = PARAMETERS | {name: PARAMETERS[law] for name, law in NEWER.items()}
     known |= {name: Parameter(0.0) for name in DOUBLES}
     for name in found:
@@ -28,7 +28,18 @@ def wrong(
     return list(dict.fromkeys(faults)) or _crossed(section, found, file)
 
 
-def twice(document: Document, section: Section, file: str) -> list[Fault]:
+def malformed(document: Document, section: Section, found: Mapping[str, Leaf], file: str) -> list[Fault]:
+    """Parameters that are named twice, or are lists or tables, whatever they hold."""
+    names = {*PARAMETERS, *NEWER}
+    tables = {
+        name.partition(".")[0]: leaf.line for name, leaf in found.items() if name.partition(".")[0] in names - {name}
+    }
+    rule = "a single value"
+    faults = [Fault(f"{section.name}.{x}", "a list or table", rule, f"{file}, line {tables[x]}") for x in tables]
+    return _twice(document, section, file) + faults
+
+
+def _twice(document: Document, section: Section, file: str) -> list[Fault]:
     """Parameters of the section that are named more than once, by one table or as dotted names too."""
     seen, faults, start = {}, [], section.controller + "."
     for leaf in document.leaves:

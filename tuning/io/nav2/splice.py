@@ -11,6 +11,7 @@ from yaml.nodes import MappingNode, ScalarNode
 from agvjax import Fault, InputError
 
 from ..yaml_text import BLOCKS, Document, Leaf, Path, parse, plain
+from .section import NODE
 
 DIGITS = 6  # significant ones of a number that is written
 
@@ -45,7 +46,7 @@ def spliced(
             continue
         if leaf is None or not leaf.own:
             added[name] = written(value)
-        elif others := document.others(leaf):
+        elif others := [other for other in document.others(leaf) if NODE in other.path]:
             faults.append(_shared(f"{controller}.{name}", value, leaf, others))
         else:
             edits.append(_Edit(leaf.start, leaf.end, _like(leaf, value)))
@@ -56,7 +57,7 @@ def spliced(
         raise InputError(faults)
     edits += [_addition(document.text, plugin, plugin.table, added)] if added and plugin.table else []
     text = _applied(document.text, edits)
-    _guard(document, text, {leaf.path for name, leaf in found.items() if name in wanted})
+    _guard(document, text, {leaf.path for name, leaf in found.items() if name in wanted}, controller)
     return text
 
 
@@ -91,8 +92,11 @@ def _shared(key: str, value: float | bool, leaf: Leaf, others: list[Leaf]) -> Fa
 
 
 def _homes(document: Document, plugin: Leaf) -> list[list[Path]]:
-    """The other paths to the table that parameters would be added to, in a list; empty without any."""
-    paths = [path for path in document.tables[id(plugin.table)] if path != plugin.path[: len(path)]]
+    """The other paths to the table that parameters would be added to, in a list; empty without any.
+
+    A table that only holds an anchor, outside of every node, is nobody's.
+    """
+    paths = [path for path in document.tables[id(plugin.table)] if path != plugin.path[: len(path)] and NODE in path]
     return [paths] if paths else []
 
 
@@ -107,7 +111,8 @@ def _addition(text: str, plugin: Leaf, table: MappingNode, added: Mapping[str, s
     first = plugin.key if plugin.own and plugin.key is not None else table.value[0][0]
     key = str(plugin.key.value) if isinstance(plugin.key, ScalarNode) else ""
     prefix = key.rpartition(".")[0] + "." if "." in key else ""
-    entries = [f"{prefix}{name}: {value}" for name, value in added.items()]
+    quote = first.style if plugin.own and first.style in ("'", '"') else ""  # JSON is YAML with quoted keys
+    entries = [f"{quote}{prefix}{name}{quote}: {value}" for name, value in added.items()]
     behind = plugin.own and not (isinstance(plugin.node, ScalarNode) and plugin.node.style in BLOCKS)
     at = plugin.end if behind else first.start_mark.index
     if table.flow_style:
@@ -127,13 +132,17 @@ def _applied(text: str, edits: list[_Edit]) -> str:
     return text
 
 
-def _guard(document: Document, text: str, changed: set[Path]) -> None:
-    """Read again what was written: every other value must be what it was.
+def _guard(document: Document, text: str, changed: set[Path], controller: str) -> None:
+    """Read again what was written: every other parameter must be what it was.
 
     Raises:
-        RuntimeError: it is not; that is a fault of this program, and no text is returned.
+        agvjax.InputError: it is not, or it cannot be read: the file has a form that this program does not write.
     """
-    before = [(leaf.path, leaf.node.value) for leaf in document.leaves if leaf.path not in changed]
-    after = {leaf.path: leaf.node.value for leaf in parse(text).leaves}
-    if moved := [".".join(path) for path, value in before if after.get(path) != value]:
-        raise RuntimeError(f"writing would change {', '.join(moved)}")
+    try:
+        after = {leaf.path: leaf.node.value for leaf in parse(text).leaves}
+    except ValueError:
+        after = {}
+    before = [leaf for leaf in document.leaves if NODE in leaf.path and leaf.path not in changed]
+    if any(after.get(leaf.path) != leaf.node.value for leaf in before):
+        rule = "written by hand: the file has a form in which this program would change more than that"
+        raise InputError([Fault("controller", controller, rule)])
