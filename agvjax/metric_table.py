@@ -163,6 +163,12 @@ class Metrics:
             raise ValueError(f"{name} is of what actuators deliver: judge with Criteria(delivered=True)")
         return values if row.channel is None else values[..., row.channel]
 
+    def names(self) -> tuple[str, ...]:
+        """The metrics that it has numbers of."""
+        heading, delivered, route = self.rmse.shape[-1] == 3, self.limited is not None, self.followed is not None
+        there = {"heading": heading, "delivered": delivered, "route": route}
+        return tuple(n for n, row in METRICS.items() if all(there[k] or not getattr(row, k) for k in there))
+
     @property
     def total_rmse(self) -> Float[Array, ""]:
         """sqrt(mean of e_x^2 + e_y^2 + e_psi^2), the error of the default tuning problem."""

@@ -71,6 +71,9 @@ class Follower(Law):
         return command, Followed(place=place, own=own), jnp.zeros((), bool)
 
 
+REGULATION = ("regulated_linear_scaling_min_radius", "regulated_linear_scaling_min_speed")
+
+
 @pytree
 class Regulated(Follower):
     """A follower that slows down where it turns, as Nav2's regulated pure pursuit does, under its names."""

@@ -9,7 +9,7 @@ from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..messages import Measurement
 from ..paths.place import Place
 from ..paths.route import Route
-from .following import Regulated, path_errors
+from .following import REGULATION, Regulated, path_errors
 
 NEAR = 0.3  # least of 1 - curvature x deviation
 
@@ -28,10 +28,7 @@ class PathPID(Regulated):
     ahead: Real = number(0.35, "s", NONNEGATIVE, "of delay and lag, in which the vehicle goes on as it did")
     windup: Real = number(0.3, "m s", POSITIVE)
 
-    tunable = (
-        *("k_y", "k_psi", "k_i", "ahead"),
-        *("regulated_linear_scaling_min_radius", "regulated_linear_scaling_min_speed"),
-    )
+    tunable = ("k_y", "k_psi", "k_i", "ahead", *REGULATION)
 
     def own(self, measurement: Measurement) -> Float[Array, ""]:
         """The integral [m s]."""

@@ -10,7 +10,7 @@ from ..geometry import into_body, safe_sqrt
 from ..messages import Measurement
 from ..paths.place import Place
 from ..paths.route import Route
-from .following import Regulated
+from .following import REGULATION, Regulated
 
 STEPS = 3  # of Newton's method to the carrot
 NAV2 = "Nav2, nav2_regulated_pure_pursuit_controller"
@@ -34,15 +34,10 @@ class RegulatedPurePursuit(Regulated):
     use_velocity_scaled_lookahead_dist: bool = structure(False)
     use_regulated_linear_velocity_scaling: bool = structure(True)
 
-    tunable = (
-        *("lookahead_time", "min_lookahead_dist"),
-        *("regulated_linear_scaling_min_radius", "regulated_linear_scaling_min_speed"),
-    )
-
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
         """Those that count: the look-ahead by time or by distance, and the regulation."""
-        scaled, fixed = ("lookahead_time", "min_lookahead_dist"), ("lookahead_dist",)
-        regulation = self.tunable[2:] if self.use_regulated_linear_velocity_scaling else ()
+        scaled, fixed = ("lookahead_time", "min_lookahead_dist", "max_lookahead_dist"), ("lookahead_dist",)
+        regulation = REGULATION if self.use_regulated_linear_velocity_scaling else ()
         return (*(scaled if self.use_velocity_scaled_lookahead_dist else fixed), *regulation)
 
     def look_ahead(self, speed: Array) -> Float[Array, ""]:
@@ -51,36 +46,36 @@ class RegulatedPurePursuit(Regulated):
             return jnp.asarray(self.lookahead_dist) + jnp.zeros_like(speed)
         return jnp.clip(jnp.abs(speed) * self.lookahead_time, self.min_lookahead_dist, self.max_lookahead_dist)
 
-    def carrot(self, here: Place, route: Route, position: Float[Array, "2"], look: Array) -> Float[Array, "2"]:
+    def carrot(self, place: Place, route: Route, position: Float[Array, "2"], look: Array) -> Float[Array, "2"]:
         """The point ahead at that distance: Newton's method along the route from the one as far along it."""
-        arc = here.arc + look
+        arc = place.arc + look
         for _ in range(STEPS):
-            place = route.at(arc, here.leg)
-            away = place.position - position
+            point = route.at(arc, place.leg)
+            away = point.position - position
             distance = safe_sqrt(jnp.sum(away**2))
-            grows = jnp.sum(away * place.tangent) / jnp.maximum(distance, 1e-9)
-            arc = jnp.maximum(arc + jnp.clip((look - distance) / jnp.maximum(grows, 0.3), -look / 2, look), here.arc)
-        return route.at(arc, here.leg).position
+            grows = jnp.sum(away * point.tangent) / jnp.maximum(distance, 1e-9)
+            arc = jnp.maximum(arc + jnp.clip((look - distance) / jnp.maximum(grows, 0.3), -look / 2, look), place.arc)
+        return route.at(arc, place.leg).position
 
     def steer(
-        self, own: tuple[()], here: Place, route: Route, measurement: Measurement, period: Real
+        self, own: tuple[()], place: Place, route: Route, measurement: Measurement, period: Real
     ) -> tuple[Float[Array, "2"], tuple[()]]:
         """Twist."""
         along, _ = into_body(measurement.velocity, measurement.heading)
-        carrot = self.carrot(here, route, measurement.position, self.look_ahead(along))
+        carrot = self.carrot(place, route, measurement.position, self.look_ahead(along))
         away = carrot - measurement.position
         _, across = into_body(away, measurement.heading)
         square = jnp.sum(away**2)
-        curvature = here.sign * 2 * across / jnp.maximum(square, 1e-6)  # of travel: w = |v| curvature
-        wanted = jnp.minimum(jnp.asarray(self.desired_linear_vel), here.speed)
+        curvature = place.sign * 2 * across / jnp.maximum(square, 1e-6)  # of travel: w = |v| curvature
+        wanted = jnp.minimum(jnp.asarray(self.desired_linear_vel), place.speed)
         if self.use_regulated_linear_velocity_scaling:
             wanted = self.regulated(wanted, curvature)
-        wanted = self._approaching(wanted, here)
-        return self.twist(wanted, here.sign, curvature), ()
+        wanted = self._approaching(wanted, place)
+        return self.twist(wanted, place.sign, curvature), ()
 
-    def _approaching(self, speed: Array, here: Place) -> Array:
+    def _approaching(self, speed: Array, place: Place) -> Array:
         """Slower within the approach distance of the end of a leg, in proportion to what is left of it."""
         near = self.approach_velocity_scaling_dist
-        share = jnp.minimum(here.remaining / near, 1.0)
+        share = jnp.minimum(place.remaining / near, 1.0)
         slow = jnp.maximum(speed * share, self.min_approach_linear_velocity)
-        return jnp.where(here.remaining < near, jnp.minimum(speed, slow), speed)
+        return jnp.where(place.remaining < near, jnp.minimum(speed, slow), speed)

@@ -17,6 +17,7 @@ from .._pytree import Real, pytree
 from ..leaves import cast, misshapen
 from ..messages import Reference
 from ..paths.heading import default_heading, reference, says
+from ..paths.place import Place
 from ..paths.route import Route
 from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
 from ..scenario import Scenario
@@ -201,7 +202,7 @@ class Rollout:
             return loop.derivative(self.controller, self.scenario, flow, memory, signal)
 
         flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
-        near = signals[-1].reference.position if self.route is None else memory.route.position
+        near = memory.route.position if isinstance(memory.route, Place) else signals[-1].reference.position
         ok = carry.ok & loop.inside(self.scenario, flow.plant, near)
         flow, memory = jax.tree.map(
             lambda new, old: jnp.where(ok, new, old), (flow, memory), (carry.flow, carry.memory)

@@ -41,17 +41,18 @@ def split(x: Scalar) -> Scalars:
     return out
 
 
-def is_whole(x: Scalar | Scalars) -> bool:
+def is_whole(x: Scalars) -> bool:
     """Whether an array has been left as it is, a table that is looked up in."""
     return x.dtype != object
 
 
-def kept(x: Scalar) -> Scalar | Scalars:
+def kept(x: Scalar) -> Scalars:
     """An array as its scalars, or where these are too many as it is."""
-    return x if np.size(x) > MOST_SCALARS else split(x)
+    whole: Any = x
+    return whole if np.size(x) > MOST_SCALARS else split(x)
 
 
-def join(x: Scalar | Scalars) -> Scalar:
+def join(x: Scalars) -> Scalar:
     """The array again."""
     if is_whole(x):
         return x

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class Spline:
         bend = (second - tangent * np.sum(second * tangent, axis=1, keepdims=True)) / length**2
         return self.curve(p), tangent, bend
 
-    def speeds(self, speed: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def speeds(self, speed: np.ndarray) -> Any:
         """Speeds (N,) given at the points, as a monotone cubic (PCHIP) over the arc length."""
         from scipy.interpolate import PchipInterpolator
 

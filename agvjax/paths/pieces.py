@@ -16,7 +16,7 @@ FLAT = 0.2  # least of 1 - curvature x deviation in them: at 0 lies the centre o
 class Piece(NamedTuple):
     """A piece of a route, looked up."""
 
-    index: Array
+    number: Array
     coefficients: list[Array]  # (12,) m, of the powers of the share
     begins: Array  # m, where its leg begins, less the pieces before that
     pace: Array  # pieces in a metre
@@ -32,12 +32,12 @@ class Piece(NamedTuple):
             begins, pace, sign, low, high = (part[0] for part in parts)
         else:
             begins, pace, sign, low, high = (of_leg(part, leg) for part in parts)
-        index = jnp.clip(jnp.floor((arc - begins) * pace), low, high - 1).astype(int)
-        return cls(index, [look(table, k, index) for k in range(12)], begins, pace, sign)
+        number = jnp.clip(jnp.floor((arc - begins) * pace), low, high - 1).astype(int)
+        return cls(number, [look(table, k, number) for k in range(12)], begins, pace, sign)
 
     def share(self, arc: Array) -> Array:
         """How much of it lies before an arc length."""
-        return (arc - self.begins) * self.pace - self.index
+        return (arc - self.begins) * self.pace - self.number
 
     def curve(self, share: Array) -> tuple[Array, Array, Array]:
         """Position, and its first and second derivative by the share."""
@@ -62,10 +62,10 @@ class Piece(NamedTuple):
         return arc
 
 
-def look(table: Numbers, row: int, index: Array) -> Array:
+def look(table: Numbers, row: int, number: Array) -> Array:
     """One number of a table; of the flat one, so that no row of it is copied."""
     flat = jnp.asarray(table).reshape(-1)
-    return flat.at[index + row * table.shape[1]].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    return flat.at[number + row * table.shape[1]].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def of_leg(row: Array, leg: Array) -> Array:

@@ -9,6 +9,7 @@ stops and turns back. Its speed is a profile over the arc length. A law remember
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -120,7 +121,7 @@ class Route(Path):
 
     @classmethod
     def _of(cls, laid: Laid, limits: SpeedLimits | None, half_width: ArrayLike) -> Route:
-        parts = laid.tables(SpeedLimits() if limits is None else limits, half_width)
+        parts: dict[str, Any] = laid.tables(SpeedLimits() if limits is None else limits, half_width)
         return cls(**parts, closed=laid.closed)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "2"]:
@@ -176,10 +177,10 @@ class Route(Path):
         p, rate, second = piece.curve(share)
         length = jnp.sqrt(jnp.sum(rate * rate))
         inside = jnp.clip(share, 0, 1)
-        square, change = (look(self.squares, k, piece.index) for k in range(2))
+        square, change = (look(self.squares, k, piece.number) for k in range(2))
         room = None
         if self.half_widths is not None:
-            left, left_change, right, right_change = (look(self.half_widths, k, piece.index) for k in range(4))
+            left, left_change, right, right_change = (look(self.half_widths, k, piece.number) for k in range(4))
             room = left + inside * left_change, right + inside * right_change
         return Place(
             arc=arc,

@@ -117,7 +117,7 @@ def default_limits(known: Collection[str] = METRICS, follows: bool = False) -> d
     A law that `follows` a route is to be no slower, and its command to vary by no more than half as much again.
     """
     if follows:
-        return {"pace": Limit(mean=1.0), "total_chatter": Limit(mean=1.5)}
+        return {"pace": Limit(mean=1.0), "total_chatter": Limit(mean=1.5, worst=1.5)}
     limited = [name for name in ("effort", "peak_position", "peak_heading") if name in known]
     return dict.fromkeys(limited, Limit(mean=1.0, worst=1.0))
 

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS
 
 from ..compute import processes as distributed
 from ..config.settings import Config
@@ -163,9 +162,7 @@ def _conflict(problem: TuningProblem, z: Any, findings: Findings) -> list[str]:
 def summary(metrics: agvjax.Metrics) -> Summary:
     """Summary of an ensemble's metrics; the worst index is of a diverged run where there is one."""
     ok = np.asarray(metrics.ok)
-    heading, delivered = metrics.rmse.shape[-1] == 3, metrics.limited is not None
-    rows = [row for row in METRICS.values() if (heading or not row.heading) and (delivered or not row.delivered)]
-    values = {row.name: np.asarray(metrics[row.name]) for row in rows}
+    values = {name: np.asarray(metrics[name]) for name in metrics.names()}
     kept = {name: v[ok] for name, v in values.items()}
     none = not ok.any()
     return Summary(
