@@ -39,9 +39,12 @@ from .controllers.full_weight import FullWeightBackstepping
 from .controllers.network import RadialBasis
 from .controllers.neuro_backstepping import NeuroBackstepping
 from .controllers.osfc import OSFC
+from .controllers.path_lqr import PathLQR
 from .controllers.path_pid import PathPID
 from .controllers.pure_pursuit import RegulatedPurePursuit
 from .controllers.sampled import BackCalculation, NoAntiWindup, Sampled
+from .controllers.stanley import Stanley
+from .controllers.velocity_reference import VelocityReference
 from .controllers.wrapping import Wrapping
 from .decorator import pytree
 from .disturbance import BandLimitedNoise, Cosine, CosineSum, Harmonic, NoDisturbance, Recorded, Step, Tone
@@ -82,7 +85,7 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
-__all__ += ["PathPID", "RegulatedPurePursuit"]
+__all__ += ["PathLQR", "PathPID", "RegulatedPurePursuit", "Stanley", "VelocityReference"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]
 # plants

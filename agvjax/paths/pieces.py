@@ -70,4 +70,4 @@ def look(table: Numbers, row: int, number: Array) -> Array:
 
 def of_leg(row: Array, leg: Array) -> Array:
     """The number of a leg."""
-    return row.at[leg.astype(int)].get(mode="clip")
+    return row.at[jnp.asarray(leg).astype(int)].get(mode="clip")

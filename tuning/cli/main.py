@@ -47,7 +47,7 @@ def _flag(name: str, help: str) -> Option:
 
 
 COMMON = (
-    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car and robot are built in"),
+    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car, robot and base are built in"),
     _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
     _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
@@ -72,6 +72,12 @@ TUNE = Command(
     "tune the gains over an ensemble and write a report",
     (
         _flag("--resume", "go on with the run in --out, to the same result"),
+        _option(
+            "--params",
+            metavar="FILE.yaml",
+            help="start from Nav2's parameters of regulated pure pursuit, write tuned ones",
+        ),
+        _option("--controller", metavar="ID", help="which of its controllers, if there are several"),
         _option(
             "--coordinator",
             metavar="HOST:PORT",

@@ -20,22 +20,27 @@ from ..tune.rounds import Outcome, Run, solve
 from ..tune.rules import faults, moving
 from .console import Console, RunFailed, failing, interrupts
 from .folders import new_folder, same_folder
+from .nav2_file import ParameterFile
 from .prepare import configure, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
-    config, console = configure(arguments, faults, moving=moving)
+    params = ParameterFile.given(arguments)
+    config, console = configure(arguments, faults, params.settings() if params else None, moving)
     problem = pose(config)
     with processes.folder(lambda: _folder(arguments, config), CHECKPOINT) as out:
         recorder = Recorder(out, problem)
         warn(console, config, "tune", "simulate", moving=moving(config))
+        for line in params.lines() if params else []:
+            console.note(line)
         recorder.begin()
         with failing(), _together():
             outcome = _solve(console, recorder)
             console.say("judging on tuning and validation scenarios ...")
             verdict = judge(outcome)
-            text = page.write(outcome, verdict, out)
+            appendix = params.write(outcome.controller, config, out) if params else ""
+            text = page.write(outcome, verdict, out, appendix)
         console.say(text, f"gains, report and figures written to {out}; begin with {out}/report.html")
     if verdict.failure:
         raise RunFailed(verdict.failure)

@@ -203,5 +203,9 @@ CODECS = {
     "sweep.fails": _judged(lambda x: Bound(value=x), blank="value"),
     "identify.fit": _names(),
     "identify.columns": _named(column, NAMED["identify.columns"]),
-    **{f"{law}.{name}": SLOPE for law in ("controller", "controller.inner") for name in ("Pi_hat", "Pi_psi_hat")},
+    **{
+        f"{law}.{name}": SLOPE
+        for law in ("controller", "controller.inner", "controller.inner.inner")
+        for name in ("Pi_hat", "Pi_psi_hat")
+    },
 }

@@ -17,6 +17,8 @@ LAWS = {
     "super_twisting_ftsmc": agvjax.SuperTwistingFTSMC,
     "regulated_pure_pursuit": agvjax.RegulatedPurePursuit,
     "path_pid": agvjax.PathPID,
+    "stanley": agvjax.Stanley,
+    "path_lqr": agvjax.PathLQR,
 }
 COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
 PLANTS = {
@@ -49,7 +51,9 @@ ELEMENTS = {
 Classes = Mapping[str, Mapping[str, type | None]]  # by key, then by name; None stands for nothing of the kind
 CLASSES: Classes = {
     "controller": LAWS | COMPOSED | {"sampled": agvjax.Sampled},
-    "controller.inner": LAWS,
+    "controller.inner": LAWS | {"velocity_reference": agvjax.VelocityReference},
+    "controller.inner.inner": LAWS,
+    "controller.inner.inner.filter": FILTERS,
     "controller.filter": FILTERS,
     "controller.inner.filter": FILTERS,
     "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},

@@ -146,7 +146,8 @@ def shown(problem: TuningProblem) -> tuple[str, ...]:
     scenario, law = problem.config.scenario, problem.config.controller
     plant = scenario.plant
     delivered = [] if type(plant) is agvjax.Decoupled else sorted(n for n, row in METRICS.items() if row.delivered)
-    usual = (*FOLLOWED_METRICS, "time_to_finish") if law.follows() else SHOWN
+    ends = ("time_to_finish",) if np.isfinite(scenario.path.end()) else ()
+    usual = (*FOLLOWED_METRICS, *ends) if law.follows() else SHOWN
     names = dict.fromkeys([*usual, *delivered, *problem.tuner.objective.names])
     return tuple(name for name in names if name in metrics_of(scenario))
 
@@ -190,8 +191,8 @@ def _cut(problem: Any) -> str:
     return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
 
 
-def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
-    """Report, figures and `worst.json` into a folder; returns what a terminal has room for."""
+def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "") -> str:
+    """Report, with an appendix, figures and `worst.json` into a folder; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
@@ -207,7 +208,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path) -> str:
     files.write_figure(out / "history.png", figures.history_figure(tuner.gains.names, start, outcome.run))
     files.write_figure(out / "sensitivity.png", figures.sensitivity_figure(verdict.findings))
     files.write_json(out / "worst.json", _worst(outcome, verdict))
-    text = markdown(outcome, verdict)
+    text = markdown(outcome, verdict) + appendix
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Tuned gains"))
     return brief(outcome, verdict)
