@@ -80,6 +80,7 @@ class Regulated(Follower):
 
     regulated_linear_scaling_min_radius: Real = number(0.9, "m", POSITIVE, "Nav2: turns tighter than this are slowed")
     regulated_linear_scaling_min_speed: Real = number(0.25, "m/s", POSITIVE, "Nav2: but never below this")
+    min_approach_linear_velocity: Real = number(0.15, "m/s", POSITIVE, "Nav2: never slower until it has arrived")
     max_angular_velocity: Real = number(1.5, "rad/s", POSITIVE, "what a yaw rate is clipped to")
 
     def regulated(self, speed: Array, curvature: Array) -> Float[Array, ""]:
@@ -88,8 +89,12 @@ class Regulated(Follower):
         return jnp.maximum(speed * share, jnp.minimum(self.regulated_linear_scaling_min_speed, speed))
 
     def twist(self, speed: Array, sign: Array, curvature: Array) -> Float[Array, "2"]:
-        """Of a speed >= 0 along travel and the curvature of travel."""
-        most = self.max_angular_velocity
+        """Of a speed >= 0 along travel and the curvature of travel.
+
+        The speed is not below the least one: a route's profile falls to 0 where a leg ends, and motors with a deadzone
+        would stand before it.
+        """
+        most, speed = self.max_angular_velocity, jnp.maximum(speed, self.min_approach_linear_velocity)
         return jnp.stack([sign * speed, jnp.clip(speed * curvature, -most, most)])
 
 

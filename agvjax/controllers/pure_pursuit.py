@@ -29,7 +29,9 @@ class RegulatedPurePursuit(Regulated):
     min_lookahead_dist: Real = number(0.3, "m", POSITIVE, NAV2)
     max_lookahead_dist: Real = number(0.9, "m", POSITIVE, NAV2)
     lookahead_time: Real = number(1.5, "s", POSITIVE, NAV2)
-    min_approach_linear_velocity: Real = number(0.05, "m/s", POSITIVE, NAV2)
+    min_approach_linear_velocity: Real = number(
+        0.05, "m/s", POSITIVE, NAV2 + "; motors with a deadzone may stand before the end"
+    )
     approach_velocity_scaling_dist: Real = number(0.6, "m", POSITIVE, NAV2)
     use_velocity_scaled_lookahead_dist: bool = structure(False)
     use_regulated_linear_velocity_scaling: bool = structure(True)

@@ -47,7 +47,7 @@ def _flag(name: str, help: str) -> Option:
 
 
 COMMON = (
-    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car, robot and base are built in"),
+    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car, robot, base, forklift are built in"),
     _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
     _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
