@@ -64,6 +64,9 @@ def pytree(cls: type[T]) -> type[T]:
 
     Not by `jax.tree_util.register_dataclass`: JAX from 0.10 to 0.12 takes trees for equal that differ only in the
     types of such nodes, so that now and then `jit` runs on one vehicle what was compiled for another.
+
+    NumPy arrays are handed to JAX as views: it keeps what it makes of an array under the array itself (0.10), and while
+    that is in use, by a jitted function or an exception, single precision would be given what was made in double.
     """
     made: Any = dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(cls)
     fields = dataclasses.fields(made)
@@ -72,7 +75,8 @@ def pytree(cls: type[T]) -> type[T]:
     keys = tuple(map(jax.tree_util.GetAttrKey, leaves))
 
     def flatten(x: Any) -> Any:
-        return tuple(getattr(x, name) for name in leaves), tuple(getattr(x, name) for name in statics)
+        values = [value.view() if type(value := getattr(x, name)) is np.ndarray else value for name in leaves]
+        return tuple(values), tuple(getattr(x, name) for name in statics)
 
     def flatten_with_keys(x: Any) -> Any:
         children, static = flatten(x)

@@ -187,3 +187,18 @@ def test_a_base_says_what_is_missing():
 
     with pytest.raises(NotImplementedError, match=r"Empty needs law\(flow, memory, measurement, reference\)"):
         Empty().law((), (), Measurement(position=0, velocity=0, heading=0, yaw_rate=0), None)
+
+
+def test_numbers_used_in_double_precision_are_single_where_that_is_set():
+    """JAX keeps what it made of a NumPy array while that is in use: here by a jitted function."""
+    law, scenario = NeuroBackstepping(), Scenario()  # their arrays are the defaults', those of every other law too
+
+    def end(law, scenario):
+        return agvjax.simulate(law, scenario, dt=0.01, n_steps=1, integrator=agvjax.EULER).position[-1]
+
+    run = jax.jit(lambda: end(law, scenario))
+    double = run()
+    with jax.enable_x64(False):
+        for single in (run(), end(law, scenario), end(NeuroBackstepping(), Scenario())):
+            assert single.dtype == jnp.float32
+            np.testing.assert_allclose(single, double, rtol=1e-5)

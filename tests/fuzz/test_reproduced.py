@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import jax
+import numpy as np
 import pytest
 from rules import Answer, broken
 
@@ -55,6 +56,20 @@ def test_what_broke_a_rule_once_breaks_none_now(case, tmp_path, monkeypatch):
     with contextlib.redirect_stderr(said):
         code = main(argv)
     assert broken(Answer(code, said.getvalue(), before, Path(os.getcwd()))) == []
+
+
+@pytest.mark.parametrize("command", [["simulate"], ["simulate", "--config", "car"]], ids=" ".join)
+def test_a_call_in_32_bits_after_one_in_64_whose_numbers_are_still_in_use(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = [text for setting in ("horizon=0.2", "dt=0.005") for text in ("--set", f"simulate.{setting}")]
+    assert main([*command, *small, "--out", "double"]) == 0
+    law = agvjax.NeuroBackstepping()
+    kept = jax.jit(lambda: agvjax.simulate(law, agvjax.Scenario(), n_steps=2).position)
+    kept()
+    assert main([*command, *small, "--out", "single", "--precision=32"]) == 0
+    double, single = (np.load(f"{name}/trajectory.npz")["position"] for name in ("double", "single"))
+    assert (double.dtype, single.dtype) == (np.float64, np.float32)
+    np.testing.assert_allclose(single, double, atol=1e-3)
 
 
 def test_fifty_inputs_break_no_rule():
