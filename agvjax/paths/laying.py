@@ -187,6 +187,10 @@ def through(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> Laid:
     if closed and np.any(signs != signs[0]):
         raise ValueError("speed must have one sign on a closed route: it cannot turn back for ever")
     turns = np.flatnonzero(signs[1:] != signs[:-1]) + 1
+    if len(points) - 1 in turns:
+        raise ValueError(
+            f"speed must not change its sign at the last point, where nothing follows; it is {speeds[-1]:g}"
+        )
     bounds = [0, *(int(k) for k in turns), len(points) - 1]
     legs = []
     for i, (first, last) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
