@@ -82,6 +82,12 @@ def _parts(points: np.ndarray, closed: bool, radius: float | None, tolerance: fl
     """Lines and arcs in order; of a closed way the arc at its first point comes last."""
     edges = np.diff(np.r_[points, points[:1]] if closed else points, axis=0)
     lengths, angles = np.linalg.norm(edges, axis=1), np.arctan2(edges[:, 1], edges[:, 0])
+    if np.any(lengths == 0):
+        j = int(np.argmin(lengths)) + 1
+        closes = "; a closed path needs no repetition of its first point" if j == len(points) else "; leave one out"
+        raise ValueError(
+            f"points must differ from the one before; number {j} and number {j % len(points) + 1} are equal{closes}"
+        )
     units, n = edges / lengths[:, None], len(edges)
     turns = (angles - np.roll(angles, 1) + np.pi) % (2 * np.pi) - np.pi  # before each line
     if not closed:

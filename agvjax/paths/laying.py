@@ -187,15 +187,17 @@ def through(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> Laid:
     signs = np.sign(speeds)
     if closed and np.any(signs != signs[0]):
         raise ValueError("speed must have one sign on a closed route: it cannot turn back for ever")
-    turns = np.flatnonzero(signs[1:] != signs[:-1])
+    turns = np.flatnonzero(signs[1:] != signs[:-1]) + 1
+    if len(points) - 1 in turns:
+        raise ValueError(
+            f"speed must not change its sign at the last point, where nothing follows; it is {speeds[-1]:g}"
+        )
     bounds = [0, *(int(k) for k in turns), len(points) - 1]
     legs = []
     for first, last in itertools.pairwise(bounds):
-        pace = np.abs(speeds[first : last + 1])
-        pace[0] = pace[1] if first else pace[0]  # where it turns back it stands; the speed there is the leg's before
-        rows = checked(points[first : last + 1], pace, closed)
+        rows = checked(points[first : last + 1], np.abs(speeds[first : last + 1]), closed)
         spline = Spline(rows[:, :2], closed)
         off = OFF * float(np.linalg.norm(np.ptp(rows[:, :2], axis=0)))
         speeding, length = spline.speeds(rows[:, 2]), float(spline.marks[-1])
-        legs.append(Leg(spline, length, speeding, off, signs[last], spline.marks))
+        legs.append(Leg(spline, length, speeding, off, signs[first], spline.marks))
     return Laid(legs, closed, len(points))

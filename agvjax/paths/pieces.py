@@ -37,7 +37,7 @@ class Piece(NamedTuple):
 
     def share(self, arc: Array) -> Array:
         """How much of it lies before an arc length."""
-        return (arc - self.begins) * self.pace - self.number
+        return (arc - self.begins) * self.pace - self.number.astype(arc.dtype)
 
     def curve(self, share: Array) -> tuple[Array, Array, Array]:
         """Position, and its first and second derivative by the share."""

@@ -13,8 +13,7 @@ from .._pytree import POSITIVE, number, pytree
 class SpeedLimits:
     """What the speed of a route is reduced to; infinite: no limit.
 
-    By a forward and a backward pass over squared speed, after Kapania, Subosits and Gerdes (2016), and where `jerk` is
-    finite by smoothing the acceleration that comes of them, which only ever makes the vehicle slower.
+    By a forward and a backward pass over squared speed, after Kapania, Subosits and Gerdes (2016).
     """
 
     speed: float = number(np.inf, "m/s", POSITIVE)

@@ -77,7 +77,7 @@ class Route(Path):
     ) -> Route:
         """A spline through points (N, 2) [m], as `Waypoints.through` lays it, driven backwards where speed is negative.
 
-        Where the sign changes, at the last point before, a leg ends.
+        Where the sign changes, at the first point with the other one, a leg ends.
 
         Args:
             points: (N, 2) m, or (N, 3) with a speed each.
@@ -153,10 +153,10 @@ class Route(Path):
         piece = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, last - 1)
         square, change = (look(self.squares, k, piece) for k in range(2))
         begins, pace, first, _ = (jnp.asarray(row) for row in self.legs)
-        leg = jnp.sum(piece >= first).astype(int) - 1
+        leg = jnp.sum(piece.astype(t.dtype) >= first).astype(int) - 1
         after = t - instants[piece]
         way = after * (safe_sqrt(square) + after * change * pace[leg] / 4)
-        return begins[leg] + (piece - first[leg].astype(int)) / pace[leg] + way, leg.astype(t.dtype)
+        return begins[leg] + (piece.astype(t.dtype) - first[leg]) / pace[leg] + way, leg.astype(t.dtype)
 
     def ahead_of_clock(self, arc: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
         """How far [m] a vehicle is before where it would be by the clock; on a closed route at most half a lap."""
@@ -238,7 +238,7 @@ class Route(Path):
         weight = jnp.minimum(TURN, jnp.asarray(self.length) / 10)
         score = (x - position[0]) ** 2 + (y - position[1]) ** 2 + 2 * weight**2 * (1 - cosine)
         index = jnp.argmin(jnp.where(jnp.arange(self.squares.shape[1]) < count, score, jnp.inf))
-        arc, leg = index / pace[0], jnp.zeros_like(heading)
+        arc, leg = index.astype(pace.dtype) / pace[0], jnp.zeros_like(heading)
         for _ in range(3):
             arc = self._kept(Piece.of(self.table, self.legs, arc, leg).nearest(position, arc, 1 / pace[0]), leg)
         return self._at(arc, leg)
