@@ -82,6 +82,8 @@ def save(folder: Path, run: Run) -> None:
     arrays["rounds"] = json.dumps(run.rounds)
     if run.screened is not None:
         arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
+    if run.promises is not None:
+        arrays["promises"] = run.promises
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
         arrays |= {f"{i}/optimiser/{k}": leaf for k, leaf in enumerate(leaves)}
@@ -109,6 +111,7 @@ def load(folder: Path, fresh: Run) -> Run:
             rounds=tuple(_round(*row) for row in json.loads(str(saved["rounds"]))),
             past=tuple(tuple(float(x) for x in row) for row in saved["past"]),
             screened=_screened(saved, fresh.searches[0].z.size),
+            promises=saved["promises"].reshape(-1, fresh.searches[0].z.size) if "promises" in saved else None,
         )
     except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error
@@ -161,7 +164,9 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")
     state = [_same(saved[f"{i}/optimiser/{k}"], leaf) for k, leaf in enumerate(leaves)]
+    saved = {f"{i}/moving": np.ones(fresh.z.size, bool)} | saved  # an earlier release held no gain
     values: dict[str, Any] = {name: saved[f"{i}/{name}"] for name in Progress._fields if name != "optimiser"}
+    values["moving"] = _same(values["moving"], fresh.moving)
     values |= {name: _same(values[name], fresh.z) for name in ("z", "sound_z", "best_z")}
     counts = ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
     values |= {name: int(values[name]) for name in counts}

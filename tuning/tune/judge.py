@@ -86,8 +86,9 @@ def judge(outcome: Outcome) -> TuneVerdict:
         [jax.tree.map(lambda x, s=s: x[s], m) for m in metrics] for s in (slice(None, seen.size), parts["validation"])
     )
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
-    findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)
-    conflict = _conflict(problem, z, findings) if over else []
+    moving = outcome.run.moving
+    findings, over = analysis.analyse(problem.tuner, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
+    conflict = _conflict(outcome, findings) if over else []
     criteria, budget = agvjax.Criteria(), problem.tuner.budget
     long = config.simulate.horizon > float(criteria.late)
     useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
@@ -144,14 +145,15 @@ def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
     return objective.baseline(*objective.values(before)) if budget is None else budget
 
 
-def _conflict(problem: TuningProblem, z: Any, findings: Findings) -> list[str]:
+def _conflict(outcome: Outcome, findings: Findings) -> list[str]:
     """Which limits cannot be kept together, or what else keeps them from being met, in words."""
+    problem = outcome.problem
     if all(standing.met for standing in findings.standings):
         steps = f"tune.dt = {problem.config.tune.dt:g} s, but not at simulate.dt = {problem.config.simulate.dt:g} s"
         return [f"They are met at {steps}, at which gains are judged: a smaller tune.dt, or tighter limits, meet them."]
     if not problem.tuner.method.jacobian:
         return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
-    parts = analysis.conflict(problem.tuner, z)
+    parts = analysis.conflict(problem.tuner, outcome.progress.best_z, outcome.run.moving)
     against = [r.name for r, _, price in parts if price > 1e-6]
     if not parts:
         return ["The excess could still be lowered where the search ended: more iterations may meet them."]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..ensemble.worst import Found
+from .choice import PAYS, promises
 from .problem import TuningProblem, in_units_of, starts, with_added
 from .screen import Screened
 from .tuner import HISTORY, Progress
@@ -35,12 +36,23 @@ class Run(NamedTuple):
     rounds: tuple[Round, ...]  # those before
     past: tuple[tuple[float, ...], ...]  # history of the rounds before, rows of COLUMNS and gains
     screened: Screened | None = None  # what was seen before the first iteration
+    promises: np.ndarray | None = None  # (turns, K), of the gains that did not move yet, see `choice.promises`
 
     @property
     def history(self) -> list[tuple[float, ...]]:
         """A row an iteration and start, over all rounds."""
         rows = [(self.round, i, *row) for i, p in enumerate(self.searches) for row in p.history]
         return [*self.past, *sorted(rows, key=lambda row: (row[2], row[1]))]
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which gains (K,) may move by now."""
+        return self.searches[-1].moving
+
+    @property
+    def turns(self) -> int:
+        """How many times further gains were let go in this round."""
+        return len({p.moving.tobytes() for p in self.searches}) - 1
 
     @property
     def lead(self) -> Progress:
@@ -82,7 +94,7 @@ class Outcome(NamedTuple):
 
 def begin(problem: TuningProblem) -> Run:
     """Before the first iteration."""
-    return Run(0, tuple(problem.tuner.begin(z) for z in starts(problem)), {}, (), ())
+    return Run(0, tuple(problem.tuner.begin(z, problem.moving) for z in starts(problem)), {}, (), ())
 
 
 def solve(
@@ -131,18 +143,23 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
     if problem.screen is None or run.screened is not None or run.history:
         return run
     seen = problem.screen.look(looking)
-    searches = tuple(map(problem.tuner.begin, seen.apart(problem.config.tune.starts)))
+    places = seen.apart(problem.config.tune.starts)
+    searches = tuple(problem.tuner.begin(z, problem.moving) for z in places)
     return run._replace(screened=seen, searches=searches)
 
 
 def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
-    """The run with all searches finished; where the first gain little or nothing, with others from further places."""
+    """The run with all searches finished.
+
+    Where the first gain little or nothing, with others from further places; then with further gains let go.
+    """
     while True:
         while not all(problem.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
         stuck = _hindrance(run.lead) or (problem.tuner.method.jacobian and _gained(run.lead) < LITTLE)
-        further = _elsewhere(problem, run) if stuck and run.round == 0 else None
+        further = _elsewhere(problem, run) if stuck and run.round == 0 and not run.turns else None
+        further = _let_go(problem, run) if further is None else further
         if further is None:
             return run
         run = further
@@ -177,7 +194,27 @@ def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
     places = run.screened.apart(PLACES) if run.screened is not None else []
     if len(places) <= len(run.searches):
         return None
-    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)])))
+    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)], problem.moving)))
+
+
+def _let_go(problem: TuningProblem, run: Run) -> Run | None:
+    """The run with a search from its best gains in which more of them move; None where no more are to.
+
+    All that are left, or those that promise something; then again those that do so where these have been tuned.
+    """
+    if run.round or run.moving.all() or _hindrance(run.lead):
+        return None
+    more, looked = ~run.moving, run.promises
+    if problem.config.tune.gains == "sensitive":
+        if looked is not None and len(looked) > run.turns:
+            return None  # the last look found none
+        found = promises(problem.tuner, run.lead, run.moving)
+        looked = found[None] if looked is None else np.vstack([looked, found])
+        more = found >= PAYS
+    run = run._replace(promises=looked)
+    if not more.any():
+        return run
+    return run._replace(searches=(*run.searches, problem.tuner.begin(run.lead.best_z, run.moving | more)))
 
 
 def _looked_at(run: Run, reason: str) -> tuple[Run, str]:
@@ -202,5 +239,6 @@ def _again(before: Outcome) -> tuple[TuningProblem, Run]:
     if run.added:
         added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
     problem = with_added(before.problem, added)
-    searches = (problem.tuner.begin(run.lead.best_z),)
-    return problem, Run(run.round + 1, searches, added, before.rounds, tuple(run.history), run.screened)
+    searches = (problem.tuner.begin(run.lead.best_z, run.moving),)
+    past = tuple(run.history)
+    return problem, Run(run.round + 1, searches, added, before.rounds, past, run.screened, run.promises)
