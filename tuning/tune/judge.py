@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +11,9 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import METRICS
 
-from ..compute import processes as distributed
-from ..config.settings import Config
-from ..ensemble.draws import sample
 from . import analysis, caveats
 from .analysis import Findings
+from .finer import baseline_of, before_and_after, judged, seen_and_unseen, tightened
 from .problem import TuningProblem
 from .rounds import Outcome
 
@@ -65,20 +62,13 @@ class TuneVerdict(NamedTuple):
         return [first + (":" if rest else "."), *rest]
 
 
-def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
-    """Metrics at the step of `simulate`, which is finer than that of tuning."""
-    criteria = agvjax.Criteria(smooth=True, delivered=True)
-    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **config.timing())
-    return jax.tree.map(np.asarray, distributed.gathered(evaluate)(agvjax.check(controller), batch))
-
-
 def judge(outcome: Outcome) -> TuneVerdict:
     """The gains before and after on both ensembles, what can be learned, and whether the limits are met."""
     problem, config = outcome.problem, outcome.problem.config
     seen = problem.tuner.batch
-    both, unseen = seen_and_unseen(problem)
+    _, unseen = seen_and_unseen(problem)
     parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
-    metrics = [judged(config, law, both) for law in (config.controller, outcome.controller)]
+    metrics = outcome.metrics or before_and_after(problem, outcome.controller)
     before, after = (
         {part: summary(jax.tree.map(lambda x, s=s: x[s], m)) for part, s in parts.items()} for m in metrics
     )
@@ -87,7 +77,8 @@ def judge(outcome: Outcome) -> TuneVerdict:
     )
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     moving = outcome.run.moving
-    findings, over = analysis.analyse(problem.tuner, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
+    searched = tightened(problem, outcome.run.factors).tuner
+    findings, over = analysis.analyse(searched, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
     conflict = _conflict(outcome, findings) if over else []
     criteria, budget = agvjax.Criteria(), problem.tuner.budget
     long = config.simulate.horizon > float(criteria.late)
@@ -122,27 +113,9 @@ def _start_at_worst(outcome: Outcome) -> dict[str, float]:
     return {one.metric: float(metrics[one.metric][i]) for i, one in enumerate(outcome.found)}
 
 
-def validation(config: Config) -> agvjax.Batch:
-    """Scenarios that no tuning sees."""
-    return sample(config.scenario, config.ensemble.draws, config.ensemble.validation_size, config.seed + 1)
-
-
-def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]:
-    """The tuning scenarios with the validation scenarios behind them, and these alone."""
-    config, seen, unseen = problem.config, problem.tuner.batch, validation(problem.config)
-    values = {n: np.concatenate([seen.values[n], unseen.values[n]]) for n in seen.names}
-    return agvjax.batch(config.scenario, values), unseen
-
-
 def unmet(problem: TuningProblem, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
     return caveats.excesses(problem.tuner.objective, after, baseline_of(problem, before))
-
-
-def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
-    """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
-    objective, budget = problem.tuner.objective, problem.tuner.budget
-    return objective.baseline(*objective.values(before)) if budget is None else budget
 
 
 def _conflict(outcome: Outcome, findings: Findings) -> list[str]:

@@ -16,7 +16,8 @@ from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
 from . import caveats, figures, tables
-from .judge import TuneVerdict, baseline_of
+from .finer import baseline_of
+from .judge import TuneVerdict
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Run
 
@@ -120,7 +121,7 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ## How it went
 
-{counts} Seed {config.seed}, {config.precision}-bit.
+{counts}{tables.tightened(objective.limits, run.tightened)} Seed {config.seed}, {config.precision}-bit.
 
 ![cost and gains](history.png)
 

@@ -16,6 +16,7 @@ from . import figures
 from .analysis import Findings
 from .choice import PAYS
 from .judge import Summary
+from .methods.objective import Requirement
 from .rounds import Round
 
 
@@ -78,6 +79,15 @@ by how much it would lower the cost, to first order, within the limits and an e-
 
 """
     return told + grid(["number of the law", *turns, "tuned too"], rows) + "\n"
+
+
+def tightened(limits: Sequence[Requirement], rows: np.ndarray | None) -> str:
+    """What bounds were multiplied by because limits held at the step of tuning alone; empty where all held."""
+    if rows is None:
+        return ""
+    told = [f"{r.name} to {x:.5f} of it" for r, x in zip(limits, rows[-1], strict=True) if x != 1]
+    times = "once" if len(rows) == 1 else f"{len(rows)} times"
+    return f" Limits that held at tune.dt and not at simulate.dt were tightened {times}: {', '.join(told)}."
 
 
 def standings(findings: Findings) -> str:
