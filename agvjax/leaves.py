@@ -78,6 +78,12 @@ def get(tree: PyTree, name: str) -> PyTree:
     return tree
 
 
+def element(name: str) -> tuple[str, int | None]:
+    """`position_network.centers[0]` -> the name of the leaf, and which element of it; None: the leaf itself."""
+    leaf, bracket, place = name.removesuffix("]").partition("[")
+    return (leaf, int(place)) if bracket and place.isdecimal() else (name, None)
+
+
 def rule_of(tree: PyTree, name: str) -> Rule | None:
     """The rule written beside the field of a dotted name; None where there is none."""
     return metadata_of(tree, name).get("rule")

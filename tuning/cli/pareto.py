@@ -13,7 +13,7 @@ from .. import config as configuration
 from ..io import files
 from ..io.pages import grid
 from ..tune import pareto
-from ..tune.judge import judged, validation
+from ..tune.finer import judged, validation
 from ..tune.problem import pose
 from ..tune.ready import steered
 from ..tune.rules import faults, moving

@@ -18,6 +18,7 @@ from ..config.codecs import Toml
 from ..config.ends import Moving
 from ..config.rules import Rules, faults
 from ..config.settings import Config
+from ..tune.gains import names_of
 from ..tune.methods import method
 from .console import Console, RunFailed
 
@@ -47,7 +48,7 @@ def configure(
     jax.config.update("jax_enable_x64", config.precision == 64)
     compiled.keep_compiled()
     way = method(config.tune.optimizer)
-    reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(config.tune.gains))
+    reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(names_of(config)))
     speed = agvjax.tune_xla(reverse=reverse)
     _meet(arguments)
     if wrong := whereabouts.faults(config, moving(config)):

@@ -10,7 +10,7 @@ import agvjax
 from agvjax.metric_table import METRICS
 
 from ..ensemble.draws import Correlation
-from .settings import Bound, Limit, Weights
+from .settings import GAINS, Bound, Limit, Weights
 from .spellings import KINDS, NAMED, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Codec:
 
     read: Callable[[Reader, str, Setting, Toml], Setting]
     write: Callable[[Writer, str, Setting], Toml] = _as_it_is
-    table: type = Mapping
+    table: type | tuple[type, ...] = Mapping
     rule: str = "a table"
     setting: type | tuple[type, ...] = Mapping
 
@@ -50,6 +50,18 @@ def _names(least: int = 1) -> Codec:
         return tuple(table)
 
     return Codec(read, table=list, rule=rule)
+
+
+def _gains() -> Codec:
+    """A list of names, or a word for the gains of whatever law it is."""
+    rule = f"a list of names, or one of {', '.join(GAINS)}"
+
+    def read(reader: Reader, key: str, default: Setting, table: list[Toml] | str) -> tuple[str, ...] | str:
+        if table not in GAINS and not (isinstance(table, list) and all(isinstance(name, str) for name in table)):
+            reader.wrong(key, table, rule)
+        return table if isinstance(table, str) else tuple(table)
+
+    return Codec(read, table=(list, str), rule=rule)
 
 
 def _named(one: Callable[[Toml, str], Setting], kinds: Sequence[str] = ()) -> Codec:
@@ -191,7 +203,7 @@ CODECS = {
     "scenario.actuators": Codec(_chains, _write_chains, rule=CHAINS),
     "ensemble.draws": _named(draw, NAMED["ensemble.draws"]),
     "ensemble.correlation": Codec(_correlation, lambda writer, key, x: x._asdict(), setting=Correlation),
-    "tune.gains": _names(0),
+    "tune.gains": _gains(),
     "tune.tied": _named(gain),
     "tune.bounds": _named(pair),
     "tune.goals": _judged(lambda x: Weights(mean=x)),

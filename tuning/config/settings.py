@@ -40,6 +40,7 @@ PACE = Rule("from 10^-3 to 10^3", lambda x: (x >= 1e-3) & (x <= 1e3))
 LATE = tuple(f"rmse_late_{axis}" for axis in AXES)
 SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
 FOLLOWED_METRICS = ("cross_track", "cross_track_late", "cross_track_peak_late", "pace", "total_chatter", "standstill")
+GAINS = ("all", "sensitive")  # every number of the law, or those of them that pay
 DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
 
 
@@ -138,7 +139,7 @@ class Search:
 class Tune:
     """The tuning problem and how to solve it; its step is coarser than that of the validation."""
 
-    gains: tuple[str, ...] = OPEN  # those that the law itself names
+    gains: tuple[str, ...] | str = OPEN  # those that the law itself names; or one of `GAINS`
     tied: dict[str, str] = dataclasses.field(default_factory=dict)
     bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     goals: dict[str, Weights] = OPEN  # those of `default_goals` that the plant has

@@ -57,11 +57,18 @@ class Findings(NamedTuple):
     identifiability: Identifiability
 
 
-def analyse(tuner: Tuner, z: Any) -> Findings:
-    """What one look at the Jacobian at z says."""
-    model = tuple(np.asarray(x) for x in tuner.push(z, tuner.scenarios()))
-    scale = tuner.gains.scales(z)
-    return Findings(tuner.gains.names, standings(tuner, model, scale), identifiability(tuner, model, scale))
+def analyse(tuner: Tuner, z: Any, moving: np.ndarray | None = None) -> Findings:
+    """What one look at the Jacobian at z says of the gains that are `moving` (K,); None: of all."""
+    values, ok, slopes = (np.asarray(x) for x in tuner.push(z, tuner.scenarios()))
+    chosen = _chosen(slopes, moving)
+    model, scale = (values, ok, slopes[chosen]), tuner.gains.scales(z)[chosen]
+    names = tuple(tuner.gains.names[k] for k in chosen)
+    return Findings(names, standings(tuner, model, scale), identifiability(tuner, model, scale))
+
+
+def _chosen(slopes: Any, moving: np.ndarray | None) -> np.ndarray:
+    """Places of the gains that are looked at."""
+    return np.arange(len(slopes)) if moving is None else np.flatnonzero(moving)
 
 
 def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
@@ -105,15 +112,17 @@ def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarr
     return Identifiability(strength, rows[-1] * np.sign(rows[-1][np.argmax(np.abs(rows[-1]))]), pairs)
 
 
-def conflict(tuner: Tuner, z: Any) -> list[tuple[Requirement, float, float]]:
-    """Limits that cannot all be kept: each with its level and its share in what holds the excess up.
+def conflict(tuner: Tuner, z: Any, moving: np.ndarray | None = None) -> list[tuple[Requirement, float, float]]:
+    """Limits that the gains that are `moving` (K,), or all, cannot keep together.
 
-    Where no change of the gains lowers the sum of excesses, the slopes of these limits cancel: what lowers one raises
-    another. Elsewhere there is nothing to show and the list is empty.
+    Each with its level and its share in what holds the excess up. Where no change of the gains lowers the sum of
+    excesses, the slopes of these limits cancel: what lowers one raises another. Elsewhere there is nothing to show and
+    the list is empty.
     """
-    model = tuner.push(z, tuner.scenarios())
+    values, ok, slopes = tuner.push(z, tuner.scenarios())
+    model = (values, ok, np.asarray(slopes)[_chosen(slopes, moving)])
     objective = tuner.objective._replace(goals=tuple(g._replace(value=0.0) for g in tuner.objective.goals), penalty=1.0)
-    levels = np.asarray(tuner.weigh(*model)[0].levels)[len(objective.goals) :]
+    levels = np.asarray(tuner.weigh(values, ok, slopes)[0].levels)[len(objective.goals) :]
     solution = sqp.solve(model, objective, tuner.baseline, radius=0.01)
     if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
         return []  # it could still be lowered: no conflict is shown

@@ -23,6 +23,7 @@ from .screen import Screened
 from .tuner import HISTORY
 
 CHECKPOINT, LOG = "checkpoint.npz", "metrics.jsonl"
+TURNS = ("tightened", "promises")  # of a run, with a row a turn
 COUNTS = ("round", "start", "iteration", "latched", "clipped", "backed_out", "rollouts")
 
 
@@ -82,6 +83,7 @@ def save(folder: Path, run: Run) -> None:
     arrays["rounds"] = json.dumps(run.rounds)
     if run.screened is not None:
         arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
+    arrays |= {name: rows for name in TURNS if (rows := getattr(run, name)) is not None}
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
         arrays |= {f"{i}/optimiser/{k}": leaf for k, leaf in enumerate(leaves)}
@@ -109,6 +111,8 @@ def load(folder: Path, fresh: Run) -> Run:
             rounds=tuple(_round(*row) for row in json.loads(str(saved["rounds"]))),
             past=tuple(tuple(float(x) for x in row) for row in saved["past"]),
             screened=_screened(saved, fresh.searches[0].z.size),
+            tightened=saved.get("tightened"),
+            promises=saved.get("promises"),
         )
     except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error
@@ -147,6 +151,10 @@ def _suited(run: Run, problem: TuningProblem, path: Path) -> None:
     """Refuse history and scenarios that the problem could not have come to."""
     for row in run.past:
         _row(np.asarray(row), len(COLUMNS) + len(problem.tuner.gains.names))
+    sizes = {"tightened": len(problem.tuner.objective.limits), "promises": len(problem.tuner.gains.names)}
+    for name in TURNS:
+        if (rows := getattr(run, name)) is not None and rows.shape[1:] != (sizes[name],):
+            raise ValueError(f"{path} holds {name} of another problem")
     batch, places = problem.tuner.batch, problem.tuner.batch.size - problem.config.ensemble.size
     counts = {len(values) if np.ndim(values) else -1 for values in run.added.values()}
     if run.added and (set(run.added) != set(batch.names) or len(counts) > 1 or not 0 < max(counts) <= places):
@@ -161,7 +169,9 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")
     state = [_same(saved[f"{i}/optimiser/{k}"], leaf) for k, leaf in enumerate(leaves)]
+    saved = {f"{i}/moving": np.ones(fresh.z.size, bool)} | saved  # an earlier release held no gain
     values: dict[str, Any] = {name: saved[f"{i}/{name}"] for name in Progress._fields if name != "optimiser"}
+    values["moving"] = _same(values["moving"], fresh.moving)
     values |= {name: _same(values[name], fresh.z) for name in ("z", "sound_z", "best_z")}
     counts = ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
     values |= {name: int(values[name]) for name in counts}

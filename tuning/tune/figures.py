@@ -17,6 +17,8 @@ from .analysis import Findings, Standing
 from .methods.objective import FEASIBLE
 from .rounds import COLUMNS, Run
 
+COLOURS = 10  # that lines have before they repeat
+
 
 def signed(x: float) -> str:
     """Of a slope, two digits with its sign; 0 where it is less than half a percent."""
@@ -29,6 +31,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     column = {name: table[:, i] for i, name in enumerate(COLUMNS)}
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
+    drawn = _drawn(table[:, len(COLUMNS) :], np.asarray(start, float))
     offset, low, top = 0, np.inf, -np.inf
     for turn in range(run.round + 1):
         lead = _lead(run, table, turn)
@@ -42,9 +45,9 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
             cost.plot(iteration, column["cost"][rows], color="0.6", lw=1, label=said + "cost = goal + penalty")
             cost.plot(iteration, column["goal"][rows], color="tab:blue", lw=1.3, label=said + "goal")
             norm.semilogy(iteration, column["gradient_norm"][rows], color="tab:orange", lw=1)
-            for k, name in enumerate(names):
+            for i, k in enumerate(drawn):
                 values = table[rows, len(COLUMNS) + k] / start[k]
-                gain.semilogy(iteration, values, color=f"C{k}", lw=1.2, label=said + name)
+                gain.semilogy(iteration, values, color=f"C{i}", lw=1.2, label=said + names[k])
             low = min(low, np.nanmin(column["goal"][rows]))
             top = max(top, column["cost"][rows][0])
         offset += int(((column["round"] == turn) & (column["start"] == lead)).sum())
@@ -57,8 +60,15 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
         part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         part.yaxis.set_minor_formatter(NullFormatter())
-    gain.legend(fontsize=8, ncols=min(len(names), 7), loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    gain.legend(fontsize=8, ncols=min(len(drawn), 7), loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return figure
+
+
+def _drawn(gains: np.ndarray, start: np.ndarray) -> list[int]:
+    """The gains, as many as there are colours, that move furthest in their logarithm, in the order they are named."""
+    ratios = gains / np.where(start == 0, 1.0, start)
+    usable = [k for k in range(len(start)) if start[k] and np.all(ratios[:, k] > 0)]
+    return sorted(sorted(usable, key=lambda k: -float(np.abs(np.log(ratios[-1, k]))))[:COLOURS])
 
 
 def _lead(run: Run, table: np.ndarray, turn: int) -> int:

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 
 import agvjax
 from agvjax import Law, Scenario
-from agvjax.leaves import get, rule_of
+from agvjax.leaves import element, get, rule_of
 
-from ..config.settings import Config
+from ..config.settings import Config, Tune
 from ..ensemble.draws import Draw, lowest
 
 
@@ -36,20 +36,20 @@ class Gains(NamedTuple):
         settings, law, timing = config.tune, config.controller, config.timing("tune")
         conditions = stability_bounds(law, config.scenario, config.ensemble.draws)
         stability = {name: settings.stability_margin * bound for name, bound in conditions.items()}
-        names = (*settings.gains, *settings.tied)
-        slowest = max(settings.dt, 1 / settings.sample_rate) if settings.sample_rate else settings.dt
-        bounds = default_bounds(law, names, stability, slowest, timing.integrator)
+        tuned = names_of(config)
+        names = (*tuned, *settings.tied)
+        bounds = default_bounds(law, names, stability, _slowest(settings), timing.integrator)
         for name, (low, high) in settings.bounds.items():
-            if rule_of(law, name) is not None:  # a gain without a rule may go wherever the user says
+            if rule_of(law, element(name)[0]) is not None:  # a gain without a rule may go wherever the user says
                 low, high = max(low, bounds[name][0]), min(high, bounds[name][1])
             bounds[name] = (low, high)
         tied = tie(law, settings.tied, bounds)
-        lower, upper = (np.array([bounds[name][side] for name in settings.gains]) for side in (0, 1))
-        return cls(settings.gains, lower, upper, tied, stability)
+        lower, upper = (np.array([bounds[name][side] for name in tuned]) for side in (0, 1))
+        return cls(tuned, lower, upper, tied, stability)
 
     def coordinates(self, controller: Law) -> Float[Array, " K"]:
         """Where a controller stands. Its gains must lie strictly inside the bounds; see `faults`."""
-        x = np.array([float(get(controller, name)) for name in self.names])
+        x = np.array([value_of(controller, name) for name in self.names])
         low, high = np.isfinite(self.lower), np.isfinite(self.upper)
         above = np.log(np.where(low, x - self.lower, 1.0))
         below = np.log(np.where(high, self.upper - x, 1.0))
@@ -57,16 +57,26 @@ class Gains(NamedTuple):
 
     def controller(self, z: Float[Array, " K"], like: Law) -> Law:
         """The controller at z; what is not tuned is taken from `like`."""
-        return agvjax.replace(like, self._named(self._gains(z)))
+        return agvjax.replace(like, self._named(self._gains(z), like))
 
     def controllers(self, z: Float[Array, "B K"], like: Law) -> agvjax.Batch:
         """The controllers at every row of z."""
-        return agvjax.batch(like, self._named(self._gains(z).T))
+        return agvjax.batch(like, self._named(self._gains(z).T, like))
 
-    def _named(self, columns: Array) -> dict[str, Array]:
-        """The tuned gains by name, and those tied to them."""
+    def _named(self, columns: Float[Array, " K *B"], like: Law) -> dict[str, Array]:
+        """The leaves that tuned gains, and those tied to them, are or are elements of."""
         gains = dict(zip(self.names, columns, strict=True))
-        return gains | {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
+        gains |= {name: ratio * gains[which] for name, (which, ratio) in self.tied.items()}
+        named: dict[str, Array] = {}
+        for name, column in gains.items():
+            leaf, place = element(name)
+            if place is None:
+                named[leaf] = column
+                continue
+            whole = jnp.asarray(get(like, leaf), column.dtype)
+            whole = named.get(leaf, jnp.broadcast_to(whole, (*column.shape, *whole.shape)))
+            named[leaf] = whole.at[..., place].set(column)
+        return named
 
     def _gains(self, z: Float[Array, "*B K"]) -> Float[Array, "*B K"]:
         low, high = np.isfinite(self.lower), np.isfinite(self.upper)
@@ -81,8 +91,8 @@ class Gains(NamedTuple):
 
     def values(self, z: Float[Array, " K"], like: Law) -> list[float]:
         """The tuned gains at z, in the order of their names."""
-        leaves = agvjax.leaves(self.controller(z, like))
-        return [float(leaves[name]) for name in self.names]
+        law = self.controller(z, like)
+        return [value_of(law, name) for name in self.names]
 
     def scales(self, z: Float[Array, " K"]) -> np.ndarray:
         """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
@@ -96,11 +106,59 @@ class Gains(NamedTuple):
         source += " smallest slope drawn; what a step of tune.dt, or of 1 / tune.sample_rate, integrates"
         faults = []
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
-            value = float(get(controller, name))
+            value = value_of(controller, name)
             if not low < value < high:
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
                 faults.append(agvjax.Fault(f"controller.{name}", value, rule, source))
         return faults
+
+
+def own(config: Config) -> tuple[str, ...]:
+    """The gains that the law names to be tuned, without those that are tied."""
+    heading = config.scenario.plant.commands_heading
+    return tuple(name for name in config.controller.gains_to_tune(heading) if name not in config.tune.tied)
+
+
+def names_of(config: Config) -> tuple[str, ...]:
+    """The names of the gains that are tuned, or where `tune.gains` is a word those that may be.
+
+    By a word these are the law's own and every other number of it that lies strictly inside what it may be, also those
+    that stand in an array; but for those that are tied, and those that set the control period.
+    """
+    law, chosen = config.controller, config.tune.gains
+    if not isinstance(chosen, str):
+        return chosen
+    mine, timing = own(config), config.timing("tune")
+    others = [name for name in numbers_of(law) if name not in {*mine, *config.tune.tied} and not sets_period(law, name)]
+    bounds = default_bounds(law, tuple(others), {}, _slowest(config.tune), timing.integrator)
+    return (*mine, *(name for name in others if bounds[name][0] < value_of(law, name) < bounds[name][1]))
+
+
+def numbers_of(law: Law) -> list[str]:
+    """The names of all numbers of a law; of those in an array with their place, `heading_network.centers[0]`."""
+    names = []
+    for name, value in agvjax.leaves(law).items():
+        size = np.shape(value)
+        names += [f"{name}[{i}]" for i in range(size[0])] if len(size) == 1 else [name] if not size else []
+    return names
+
+
+def sets_period(law: Law, name: str) -> bool:
+    """Whether another value of a gain is another control period."""
+    leaf, _ = element(name)
+    return agvjax.replace(law, {leaf: 2 * get(law, leaf)}).control_period() != law.control_period()
+
+
+def _slowest(settings: Tune) -> float:
+    """The longest step [s] that must integrate what the gains set."""
+    return max(settings.dt, 1 / settings.sample_rate) if settings.sample_rate else settings.dt
+
+
+def value_of(law: Law, name: str) -> float:
+    """A gain, or an element of one that is several numbers, by its name."""
+    leaf, place = element(name)
+    value = get(law, leaf)
+    return float(value if place is None else np.asarray(value)[place])
 
 
 def smallest_slopes(scenario: Scenario, draws: Mapping[str, Draw]) -> tuple[float, float]:
@@ -127,8 +185,8 @@ def default_bounds(
     upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
     bounds = {}
     for name in names:
-        allowed = rule_of(controller, name)
-        least = 0.0 if float(get(controller, name)) > 0 else -np.inf  # without a rule a gain > 0 stays so
+        allowed = rule_of(controller, element(name)[0])
+        least = 0.0 if value_of(controller, name) > 0 else -np.inf  # without a rule a gain > 0 stays so
         low, high = (least, np.inf) if allowed is None else (allowed.low, allowed.high)
         bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
     return bounds
@@ -140,7 +198,7 @@ def tie(
     """Ratios of the tied gains to those they follow, whose `bounds` are narrowed to what the tied ones allow."""
     ratios = {}
     for name, which in tied.items():
-        ratio = float(get(controller, name)) / float(get(controller, which))
+        ratio = value_of(controller, name) / value_of(controller, which)
         (low, high), (tied_low, tied_high) = bounds[which], bounds[name]
         bounds[which] = (max(low, tied_low / ratio), min(high, tied_high / ratio))
         ratios[name] = (which, ratio)

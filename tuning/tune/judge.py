@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +10,9 @@ import numpy as np
 
 import agvjax
 
-from ..compute import processes as distributed
-from ..config.settings import Config
-from ..ensemble.draws import sample
 from . import analysis, caveats
 from .analysis import Findings
+from .finer import baseline_of, before_and_after, judged, seen_and_unseen, tightened
 from .problem import TuningProblem
 from .rounds import Outcome
 
@@ -64,20 +61,13 @@ class TuneVerdict(NamedTuple):
         return [first + (":" if rest else "."), *rest]
 
 
-def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
-    """Metrics at the step of `simulate`, which is finer than that of tuning."""
-    criteria = agvjax.Criteria(smooth=True, delivered=True)
-    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **config.timing())
-    return jax.tree.map(np.asarray, distributed.gathered(evaluate)(agvjax.check(controller), batch))
-
-
 def judge(outcome: Outcome) -> TuneVerdict:
     """The gains before and after on both ensembles, what can be learned, and whether the limits are met."""
     problem, config = outcome.problem, outcome.problem.config
     seen = problem.tuner.batch
-    both, unseen = seen_and_unseen(problem)
+    _, unseen = seen_and_unseen(problem)
     parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
-    metrics = [judged(config, law, both) for law in (config.controller, outcome.controller)]
+    metrics = outcome.metrics or before_and_after(problem, outcome.controller)
     before, after = (
         {part: summary(jax.tree.map(lambda x, s=s: x[s], m)) for part, s in parts.items()} for m in metrics
     )
@@ -85,8 +75,10 @@ def judge(outcome: Outcome) -> TuneVerdict:
         [jax.tree.map(lambda x, s=s: x[s], m) for m in metrics] for s in (slice(None, seen.size), parts["validation"])
     )
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
-    findings, over = analysis.analyse(problem.tuner, z), caveats.excesses(objective, tuned_on[1], baseline)
-    conflict = _conflict(problem, z, findings) if over else []
+    moving = outcome.run.moving
+    searched = tightened(problem, outcome.run.factors).tuner
+    findings, over = analysis.analyse(searched, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
+    conflict = _conflict(outcome, findings) if over else []
     criteria, budget = agvjax.Criteria(), problem.tuner.budget
     long = config.simulate.horizon > float(criteria.late)
     useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
@@ -120,37 +112,20 @@ def _start_at_worst(outcome: Outcome) -> dict[str, float]:
     return {one.metric: float(metrics[one.metric][i]) for i, one in enumerate(outcome.found)}
 
 
-def validation(config: Config) -> agvjax.Batch:
-    """Scenarios that no tuning sees."""
-    return sample(config.scenario, config.ensemble.draws, config.ensemble.validation_size, config.seed + 1)
-
-
-def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]:
-    """The tuning scenarios with the validation scenarios behind them, and these alone."""
-    config, seen, unseen = problem.config, problem.tuner.batch, validation(problem.config)
-    values = {n: np.concatenate([seen.values[n], unseen.values[n]]) for n in seen.names}
-    return agvjax.batch(config.scenario, values), unseen
-
-
 def unmet(problem: TuningProblem, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
     return caveats.excesses(problem.tuner.objective, after, baseline_of(problem, before))
 
 
-def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
-    """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
-    objective, budget = problem.tuner.objective, problem.tuner.budget
-    return objective.baseline(*objective.values(before)) if budget is None else budget
-
-
-def _conflict(problem: TuningProblem, z: Any, findings: Findings) -> list[str]:
+def _conflict(outcome: Outcome, findings: Findings) -> list[str]:
     """Which limits cannot be kept together, or what else keeps them from being met, in words."""
+    problem = outcome.problem
     if all(standing.met for standing in findings.standings):
         steps = f"tune.dt = {problem.config.tune.dt:g} s, but not at simulate.dt = {problem.config.simulate.dt:g} s"
         return [f"They are met at {steps}, at which gains are judged: a smaller tune.dt, or tighter limits, meet them."]
     if not problem.tuner.method.jacobian:
         return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
-    parts = analysis.conflict(problem.tuner, z)
+    parts = analysis.conflict(problem.tuner, outcome.progress.best_z, outcome.run.moving)
     against = [r.name for r, _, price in parts if price > 1e-6]
     if not parts:
         return ["The excess could still be lowered where the search ended: more iterations may meet them."]

@@ -16,7 +16,8 @@ from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
 from . import caveats, figures, tables
-from .judge import TuneVerdict, baseline_of
+from .finer import baseline_of
+from .judge import TuneVerdict
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Run
 
@@ -79,8 +80,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
 
 ## The gains
 
-{tables.gains((*tuned.names, *tuned.tied), config.controller, outcome.controller, tuned.stability)}
-{conditions}
+{tables.gains((*moved(outcome), *tuned.tied), config.controller, outcome.controller, tuned.stability)}
+{conditions}{tables.choice(tuned.names, problem.first, run.promises)}
 They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.toml`, in this folder.
 
 ![nominal](nominal.png)
@@ -120,7 +121,7 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 ## How it went
 
-{counts} Seed {config.seed}, {config.precision}-bit.
+{counts}{tables.tightened(objective.limits, run.tightened)} Seed {config.seed}, {config.precision}-bit.
 
 ![cost and gains](history.png)
 
@@ -134,11 +135,16 @@ def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
     """What a terminal is told: the gains, the metrics on scenarios not seen, the verdict."""
     problem, before, after = outcome.problem, verdict.before["validation"], verdict.after["validation"]
     tuned, names = problem.tuner.gains, shown(problem)
-    table = tables.gains((*tuned.names, *tuned.tied), problem.config.controller, outcome.controller, tuned.stability)
+    table = tables.gains((*moved(outcome), *tuned.tied), problem.config.controller, outcome.controller, tuned.stability)
     first, *rest = verdict.lines
     size = f"On {after.size} validation scenarios, not seen in tuning:"
     told = [tables.comparison(before, after, names), "", tables.changes(before, after, names), "", first]
     return "\n".join([table, "", size, "", *told, *(f"* {line}" for line in rest)])
+
+
+def moved(outcome: Outcome) -> tuple[str, ...]:
+    """The gains that were tuned, without those that were left as they are."""
+    return tuple(name for name, m in zip(outcome.problem.tuner.gains.names, outcome.run.moving, strict=True) if m)
 
 
 def shown(problem: TuningProblem) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from ..config import check
 from ..config.settings import Config, Tune
 from ..ensemble.draws import sample
 from ..ensemble.worst import Adversary, batch_of
-from .gains import Gains
+from .gains import Gains, own
 from .methods.objective import STATISTICS, Objective, Requirement
 from .rules import faults
 from .screen import Screen, sobol
@@ -33,6 +33,12 @@ class TuningProblem(NamedTuple):
     tuner: Tuner  # on the ensemble, with empty places for what the search for the worst adds
     adversary: Adversary
     screen: Screen | None = None  # what looks at many gain sets before the search
+    first: tuple[str, ...] = ()  # gains that are tuned before the others may move; (): all at once
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which gains (K,) move in the first searches."""
+        return np.array([not self.first or name in self.first for name in self.tuner.gains.names])
 
 
 def pose(config: Config) -> TuningProblem:
@@ -69,8 +75,10 @@ def pose(config: Config) -> TuningProblem:
         settings=settings.search,
         seed=config.seed,
     )
-    screen = Screen(tuner, ensemble.size, config.seed) if settings.screen else None
-    return TuningProblem(config, tuner, adversary, screen)
+    mine = own(config) if isinstance(settings.gains, str) else None
+    screen = Screen(tuner, ensemble.size, config.seed, moved=mine) if settings.screen else None
+    first = mine if mine is not None and tuner.method.jacobian else ()
+    return TuningProblem(config, tuner, adversary, screen, first)
 
 
 def requirements(settings: Tune) -> Objective:

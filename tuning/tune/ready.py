@@ -10,7 +10,7 @@ from jaxtyping import Array
 from ..compute.compiled import Ahead, meanwhile
 from ..compute.processes import joined
 from ..config import dump
-from .judge import judged, seen_and_unseen
+from .finer import judged, seen_and_unseen
 from .problem import TuningProblem
 from .screen import Screen
 

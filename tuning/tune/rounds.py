@@ -7,7 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+import agvjax
+
 from ..ensemble.worst import Found
+from .choice import PAYS, promises
+from .finer import TURNS, before_and_after, tightened, tighter
 from .problem import TuningProblem, in_units_of, starts, with_added
 from .screen import Screened
 from .tuner import HISTORY, Progress
@@ -35,12 +39,29 @@ class Run(NamedTuple):
     rounds: tuple[Round, ...]  # those before
     past: tuple[tuple[float, ...], ...]  # history of the rounds before, rows of COLUMNS and gains
     screened: Screened | None = None  # what was seen before the first iteration
+    tightened: np.ndarray | None = None  # (turns, L), what bounds were multiplied by, see `finer.tighter`
+    promises: np.ndarray | None = None  # (turns, K), of the gains that did not move yet, see `choice.promises`
 
     @property
     def history(self) -> list[tuple[float, ...]]:
         """A row an iteration and start, over all rounds."""
         rows = [(self.round, i, *row) for i, p in enumerate(self.searches) for row in p.history]
         return [*self.past, *sorted(rows, key=lambda row: (row[2], row[1]))]
+
+    @property
+    def factors(self) -> np.ndarray | None:
+        """What the bounds of limits (L,) are multiplied by now; None: nothing."""
+        return None if self.tightened is None else self.tightened[-1]
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which gains (K,) may move by now."""
+        return self.searches[-1].moving
+
+    @property
+    def turns(self) -> int:
+        """How many times further gains were let go in this round."""
+        return len({p.moving.tobytes() for p in self.searches}) - 1
 
     @property
     def lead(self) -> Progress:
@@ -67,6 +88,7 @@ class Outcome(NamedTuple):
     found: list[Found]  # the worst scenarios of the last search
     rounds: tuple[Round, ...]
     stopped: str = ""  # why fewer rounds were tuned than could have been
+    metrics: tuple[agvjax.Metrics, agvjax.Metrics] | None = None  # at the finer step, see `finer.before_and_after`
 
     @property
     def worse(self) -> list[str]:
@@ -82,7 +104,7 @@ class Outcome(NamedTuple):
 
 def begin(problem: TuningProblem) -> Run:
     """Before the first iteration."""
-    return Run(0, tuple(problem.tuner.begin(z) for z in starts(problem)), {}, (), ())
+    return Run(0, tuple(problem.tuner.begin(z, problem.moving) for z in starts(problem)), {}, (), ())
 
 
 def solve(
@@ -111,7 +133,7 @@ def solve(
     problem = with_added(problem, run.added) if run.added else problem
     before = None
     while True:
-        run = _searched(problem, run, each)
+        run, metrics = _held(problem, run, each)
         reason, stopped = _hindrance(run.lead), ""
         if reason and before is not None:
             said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
@@ -119,7 +141,7 @@ def solve(
         if reason:
             run, stopped = _looked_at(run, reason)
         searching()
-        before = _outcome(problem, run, stopped)
+        before = _outcome(problem, run, stopped)._replace(metrics=metrics)
         if stopped or run.round >= problem.config.tune.search.rounds or not before.worse:
             return before
         problem, run = _again(before)
@@ -131,18 +153,45 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
     if problem.screen is None or run.screened is not None or run.history:
         return run
     seen = problem.screen.look(looking)
-    searches = tuple(map(problem.tuner.begin, seen.apart(problem.config.tune.starts)))
+    places = seen.apart(problem.config.tune.starts)
+    searches = tuple(problem.tuner.begin(z, problem.moving) for z in places)
     return run._replace(screened=seen, searches=searches)
 
 
+def _held(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> tuple[Run, Any]:
+    """The run with all searches finished, and its metrics at the finer step.
+
+    Where limits are met at the step of tuning and not there, bounds are tightened and the search goes on from its best.
+    """
+    while True:
+        tight = tightened(problem, run.factors)
+        run = _searched(tight, run, each)
+        if _hindrance(run.lead):
+            return run, None
+        metrics = before_and_after(problem, tight.tuner.best(run.lead))
+        turns = np.zeros((0, 0)) if run.tightened is None else run.tightened
+        factors = tighter(problem, metrics, run.factors) if run.lead.best[0] == 0 and len(turns) < TURNS else None
+        if factors is None:
+            return run, metrics
+        old = (p._replace(best=(np.inf, np.inf)) for p in run.searches)  # by bounds that count no more
+        begun = tight.tuner.begin(run.lead.best_z, run.moving)
+        rows = factors[None] if run.tightened is None else np.vstack([turns, factors])
+        run = run._replace(searches=(*old, begun), tightened=rows)
+
+
 def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
-    """The run with all searches finished; where the first gain little or nothing, with others from further places."""
+    """The run with all searches finished.
+
+    Where the first gain little or nothing, with others from further places; then with further gains let go.
+    """
     while True:
         while not all(problem.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
         stuck = _hindrance(run.lead) or (problem.tuner.method.jacobian and _gained(run.lead) < LITTLE)
-        further = _elsewhere(problem, run) if stuck and run.round == 0 else None
+        first = run.round == 0 and not run.turns and run.tightened is None
+        further = _elsewhere(problem, run) if stuck and first else None
+        further = _let_go(problem, run) if further is None else further
         if further is None:
             return run
         run = further
@@ -177,7 +226,27 @@ def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
     places = run.screened.apart(PLACES) if run.screened is not None else []
     if len(places) <= len(run.searches):
         return None
-    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)])))
+    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)], problem.moving)))
+
+
+def _let_go(problem: TuningProblem, run: Run) -> Run | None:
+    """The run with a search from its best gains in which more of them move; None where no more are to.
+
+    All that are left, or those that promise something; then again those that do so where these have been tuned.
+    """
+    if run.round or run.moving.all() or _hindrance(run.lead):
+        return None
+    more, looked = ~run.moving, run.promises
+    if problem.config.tune.gains == "sensitive":
+        if looked is not None and len(looked) > run.turns:
+            return None  # the last look found none
+        found = promises(problem.tuner, run.lead, run.moving)
+        looked = found[None] if looked is None else np.vstack([looked, found])
+        more = found >= PAYS
+    run = run._replace(promises=looked)
+    if not more.any():
+        return run
+    return run._replace(searches=(*run.searches, problem.tuner.begin(run.lead.best_z, run.moving | more)))
 
 
 def _looked_at(run: Run, reason: str) -> tuple[Run, str]:
@@ -202,5 +271,6 @@ def _again(before: Outcome) -> tuple[TuningProblem, Run]:
     if run.added:
         added = {name: np.concatenate([run.added[name], value]) for name, value in added.items()}
     problem = with_added(before.problem, added)
-    searches = (problem.tuner.begin(run.lead.best_z),)
-    return problem, Run(run.round + 1, searches, added, before.rounds, tuple(run.history), run.screened)
+    searches = (problem.tuner.begin(run.lead.best_z, run.moving),)
+    past = tuple(run.history)
+    return problem, Run(run.round + 1, searches, added, before.rounds, past, run.screened, run.tightened, run.promises)

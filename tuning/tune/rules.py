@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 import agvjax
+from agvjax.leaves import element
 from agvjax.metric_table import metrics_of
 
 from ..config import ends, rules
 from ..config.ends import Moving
-from ..config.settings import Config, Tune
+from ..config.settings import GAINS, Config, Tune
 from ..ensemble.rules import undrawable
+from .gains import names_of, sets_period
 from .methods import method
 from .methods.objective import STATISTICS
 
@@ -21,10 +25,26 @@ LEAST_LIMIT = 1e-9
 
 def faults(config: Config) -> list[agvjax.Fault]:
     """What is wrong with a configuration that is to be tuned."""
-    found = rules.faults(config) + _names(config)
+    found, word = rules.faults(config), config.tune.gains
+    if isinstance(word, str):
+        found += _word(config.tune)
+        if found:
+            return rules.unique(found)
+        config = dataclasses.replace(config, tune=dataclasses.replace(config.tune, gains=names_of(config)))
+    found += _names(config)
     if not found:
         found = rules.timing_faults(config, "tune") + _boxes(config)
     return rules.unique(found)
+
+
+def _word(tune: Tune) -> list[agvjax.Fault]:
+    """A word for gains that means nothing, or that its method cannot do."""
+    if tune.gains not in GAINS:
+        return [agvjax.Fault("tune.gains", tune.gains, f"a list of names, or one of {', '.join(GAINS)}")]
+    if tune.gains == "sensitive" and not method(tune.optimizer).jacobian:
+        rule = "names, or all: only tune.optimizer = sqp sees what each gain promises"
+        return [agvjax.Fault("tune.gains", tune.gains, rule)]
+    return []
 
 
 def moving(config: Config) -> list[Moving]:
@@ -36,7 +56,7 @@ def _names(config: Config) -> list[agvjax.Fault]:
     """Names in the tuning problem that name nothing, and limits that limit nothing."""
     tune, gains = config.tune, agvjax.leaves(config.controller)
     rule = f"leaves of the controller: {', '.join(gains)}"
-    found = [agvjax.Fault("tune.gains", name, rule) for name in tune.gains if name not in gains]
+    found = [agvjax.Fault("tune.gains", name, rule) for name in tune.gains if element(name)[0] not in gains]
     if not tune.gains:
         rule = "names of gains: this law names none to tune by gradient; tune the law inside it"
         found.append(agvjax.Fault("tune.gains", [], rule))
@@ -97,14 +117,15 @@ def _boxes(config: Config) -> list[agvjax.Fault]:
     """Draws that can draw what their leaf may not hold, and gains that are no single number."""
     found = ends.faults(config, moving(config), ["tune", "simulate"])
     leaves = agvjax.leaves(config.controller)
-    several = [name for name in config.tune.gains if np.ndim(leaves[name])]
-    clock = [name for name in config.tune.gains if name not in several and _sets_period(config.controller, name)]
+    several = [name for name in config.tune.gains if not _single(leaves, name)]
+    clock = [name for name in config.tune.gains if name not in several and sets_period(config.controller, name)]
     rule = "a gain: control instants, and with them the period, must stay whole multiples of the step"
     found += [agvjax.Fault("tune.gains", name, rule) for name in clock]
     return found + [agvjax.Fault("tune.gains", name, "a single number") for name in several]
 
 
-def _sets_period(law: agvjax.Law, gain: str) -> bool:
-    """Whether another value of a gain is another control period."""
-    other = agvjax.replace(law, {gain: 2 * agvjax.leaves(law)[gain]})
-    return other.control_period() != law.control_period()
+def _single(leaves: Mapping[str, Any], name: str) -> bool:
+    """Whether a name is that of one number: a leaf, or an element of one that is several."""
+    leaf, place = element(name)
+    shape = np.shape(leaves[leaf])
+    return not shape if place is None else len(shape) == 1 and place < shape[0]

@@ -65,18 +65,22 @@ class Screen:
         size: scenarios of its ensemble, without the places that are kept for others.
         seed: of the Sobol points.
         compiled: `tuner.values` of `LANES` runs, each with gains and a scenario of its own, compiled before.
+        moved: names of the gains that the sets differ in; None: all that are tuned.
     """
 
     tuner: Tuner
     size: int
     seed: int = 0
     compiled: Callable[..., tuple[Array, Array]] | None = None
+    moved: tuple[str, ...] | None = None
 
     def points(self) -> np.ndarray:
         """The gain sets (N, K): the configured gains, then Sobol points about them, near and far by turns."""
         count, spread = self.tuner.settings.screen, self.tuner.settings.spread
         middle = np.asarray(self.tuner.gains.coordinates(self.tuner.controller))
-        sides = 2 * sobol(count, middle.size, self.seed) - 1
+        names, sides = self.tuner.gains.names, np.zeros((count, middle.size))
+        moves = [i for i, name in enumerate(names) if self.moved is None or name in self.moved]
+        sides[:, moves] = 2 * sobol(count, len(moves), self.seed) - 1
         reach = np.log(spread) * np.array(REACHES)[np.arange(count) % len(REACHES)]
         return np.vstack([middle, middle + reach[:, None] * sides])
 

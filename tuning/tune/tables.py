@@ -14,7 +14,9 @@ from agvjax.metric_table import METRICS
 from ..io.pages import grid
 from . import figures
 from .analysis import Findings
+from .choice import PAYS
 from .judge import Summary
+from .methods.objective import Requirement
 from .rounds import Round
 
 
@@ -58,6 +60,34 @@ def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str,
         values = [f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", unit_of(after, name)]
         rows.append([name, *values, *(condition if stability else [])])
     return grid(["gain", "before", "after", "unit", *(["must exceed", "margin"] if stability else [])], rows)
+
+
+def choice(names: Sequence[str], first: Sequence[str], promises: np.ndarray | None) -> str:
+    """Which further numbers of a law were tuned too, which were not, and why; empty where nothing was chosen."""
+    if promises is None:
+        return ""
+    kept = [(name, column) for name, column in zip(names, promises.T, strict=True) if name not in first]
+    rows = [
+        [name, *(f"{100 * x:.4f}" if x else "" for x in column), "yes" if (column >= PAYS).any() else ""]
+        for name, column in sorted(kept, key=lambda row: -row[1].max())
+    ]
+    turns = [f"promised, look {i + 1} [% of the cost]" for i in range(len(promises))]
+    told = f"""
+{", ".join(first)} were tuned first, as the law names them. Then every other number was asked
+by how much it would lower the cost, to first order, within the limits and an e-fold either way. What promised
+{PAYS:.3%} or more was tuned too, and the rest asked again at the gains that came out; the others are left as they are.
+
+"""
+    return told + grid(["number of the law", *turns, "tuned too"], rows) + "\n"
+
+
+def tightened(limits: Sequence[Requirement], rows: np.ndarray | None) -> str:
+    """What bounds were multiplied by because limits held at the step of tuning alone; empty where all held."""
+    if rows is None:
+        return ""
+    told = [f"{r.name} to {x:.5f} of it" for r, x in zip(limits, rows[-1], strict=True) if x != 1]
+    times = "once" if len(rows) == 1 else f"{len(rows)} times"
+    return f" Limits that held at tune.dt and not at simulate.dt were tightened {times}: {', '.join(told)}."
 
 
 def standings(findings: Findings) -> str:

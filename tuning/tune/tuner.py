@@ -171,11 +171,15 @@ class Tuner:
         """Whether gradients are taken in forward mode."""
         return self.method.forward(self.settings, len(self.gains.names))
 
-    def begin(self, z: Array | None = None) -> Progress:
-        """Before the first iteration: the starting gains, or those at z, which are also the best so far."""
+    def begin(self, z: Array | None = None, moving: np.ndarray | None = None) -> Progress:
+        """Before the first iteration: the starting gains, or those at z, which are also the best so far.
+
+        Only the gains that are `moving` (K,) will change; None: all.
+        """
         z = self.gains.coordinates(self.controller) if z is None else jnp.asarray(z)
         state = self.method.begin(z, self.batch.size)
-        return Progress(0, z, state, z, z, (np.inf, np.inf), 0, 0, 0, 0, [])
+        free = np.ones(z.size, bool) if moving is None else np.asarray(moving, bool)
+        return Progress(0, z, state, z, z, (np.inf, np.inf), 0, 0, 0, 0, [], free)
 
     def look(self, z: Array, iteration: int, model: Model | None = None) -> Look:
         """What there is to see at z; `model` if it is known."""
@@ -186,7 +190,7 @@ class Tuner:
 
     def advance(self, p: Progress, model: Model | None = None) -> Progress:
         """One iteration: look, the best so far, step. `model` is what `push` returns at p.z, if that is known."""
-        look = self.look(p.z, p.iteration, model)
+        look = _held(self.look(p.z, p.iteration, model), p.moving)
         norm = float(jnp.linalg.norm(look.gradient))
         sound = bool(np.isfinite(norm)) and int(look.score.latched) < self.batch.size
         sound = sound and self.method.usable(look, self.baseline)
@@ -198,6 +202,7 @@ class Tuner:
         rollouts = p.rollouts + self.method.look_rollouts(p.z.size) + (look.rank is not None)
         row = (p.iteration, *(float(s) for s in score[:4]), norm, clipped, p.backed_out + (not sound), rollouts)
         z, state = self.method.step(p, look, sound, self.baseline, self.scenarios(p.iteration))
+        z = z if p.moving.all() else jnp.where(p.moving, z, p.z)
         return Progress(
             iteration=p.iteration + 1,
             z=z,
@@ -210,6 +215,7 @@ class Tuner:
             backed_out=p.backed_out + (not sound),
             rollouts=rollouts + self.method.step_rollouts(state, p.z.size),
             history=[*p.history, (*row, *self.gains.values(p.z, self.controller))],
+            moving=p.moving,
         )
 
     def advance_all(self, searches: list[Progress]) -> list[Progress]:
@@ -233,6 +239,17 @@ class Tuner:
     def best(self, p: Progress) -> agvjax.Law:
         """The controller with the best gains so far: limits met first, then the goal."""
         return self.gains.controller(p.best_z, self.controller)
+
+
+def _held(look: Look, moving: np.ndarray) -> Look:
+    """The look as if nothing changed with the gains that do not move."""
+    if moving.all():
+        return look
+    model = look.model
+    if model is not None:
+        values, ok, slopes = model
+        model = (values, ok, jnp.where(moving[:, None, None], slopes, 0.0))
+    return look._replace(gradient=jnp.where(moving, look.gradient, 0.0), model=model)
 
 
 def _placeless(compute: Callable[..., T]) -> Callable[..., T]:

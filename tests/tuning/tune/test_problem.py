@@ -14,7 +14,8 @@ from tuning import Between, Config, Distribution, Ensemble, Limit, Search, Simul
 from tuning import config as configuration
 from tuning.tune.analysis import analyse, conflict
 from tuning.tune.doctor import diagnose, first_bad, page
-from tuning.tune.judge import judged, unmet
+from tuning.tune.finer import judged
+from tuning.tune.judge import unmet
 from tuning.tune.pareto import front
 from tuning.tune.problem import starts
 from tuning.tune.rounds import Outcome, begin

@@ -37,6 +37,7 @@ class Progress(NamedTuple):
     backed_out: int  # iterations whose point was given up: no finite gradient, every run diverged, slopes of no use
     rollouts: int  # of the whole ensemble so far; a gradient counts 1 + its tangents
     history: list[tuple[float, ...]]  # a row an iteration: `tuner.HISTORY`, then the gains
+    moving: np.ndarray  # (K,), whether it may change a gain; the others stay where it began
 
 
 class Look(NamedTuple):

@@ -1,0 +1,90 @@
+"""Gains judged at the step of `simulate`, on the scenarios tuned on and on others; and limits that fail only there.
+
+Where a limit is met at the step of tuning and not at the finer one, its bound is tightened by as much as it is exceeded
+and a little more, and the search goes on. The coarser step errs by nearly the same at neighbouring gains.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import numpy as np
+
+import agvjax
+
+from ..compute import processes as distributed
+from ..config.settings import Config
+from ..ensemble.draws import sample
+from .methods.objective import FEASIBLE, TOLERANCE
+from .problem import TuningProblem
+
+TURNS = 3  # times that bounds are tightened, at most
+
+
+def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
+    """Metrics at the step of `simulate`, which is finer than that of tuning."""
+    criteria = agvjax.Criteria(smooth=True, delivered=True)
+    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **config.timing())
+    return jax.tree.map(np.asarray, distributed.gathered(evaluate)(agvjax.check(controller), batch))
+
+
+def validation(config: Config) -> agvjax.Batch:
+    """Scenarios that no tuning sees."""
+    return sample(config.scenario, config.ensemble.draws, config.ensemble.validation_size, config.seed + 1)
+
+
+def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]:
+    """The tuning scenarios with the validation scenarios behind them, and these alone."""
+    config, seen, unseen = problem.config, problem.tuner.batch, validation(problem.config)
+    values = {n: np.concatenate([seen.values[n], unseen.values[n]]) for n in seen.names}
+    return agvjax.batch(config.scenario, values), unseen
+
+
+def before_and_after(problem: TuningProblem, controller: Any) -> tuple[agvjax.Metrics, agvjax.Metrics]:
+    """Metrics of `seen_and_unseen` with the starting gains and with a controller."""
+    both, _ = seen_and_unseen(problem)
+    before, after = (judged(problem.config, law, both) for law in (problem.config.controller, controller))
+    return before, after
+
+
+def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
+    """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
+    objective, budget = problem.tuner.objective, problem.tuner.budget
+    return objective.baseline(*objective.values(before)) if budget is None else budget
+
+
+def tighter(
+    problem: TuningProblem, metrics: tuple[agvjax.Metrics, agvjax.Metrics], factors: np.ndarray | None
+) -> np.ndarray | None:
+    """What bounds are to be multiplied by (L,) so that limits hold at the finer step; None where they do.
+
+    Args:
+        problem: with the bounds that were asked for.
+        metrics: as of `before_and_after`, with gains that meet the limits at the step of tuning.
+        factors: what bounds were multiplied by in the search for them; None for 1.
+    """
+    objective, seen = problem.tuner.objective, slice(None, problem.tuner.batch.size)
+    before, after = (jax.tree.map(lambda x: x[seen], m) for m in metrics)
+    if not objective.limits or not np.asarray(before.ok).any():
+        return None
+    levels = objective.levels(*objective.values(after), baseline_of(problem, before))
+    over = np.asarray(levels)[len(objective.goals) :]
+    if not np.any(over > 1 + TOLERANCE):
+        return None
+    old = np.ones(over.size) if factors is None else factors
+    return np.where(over > 1 + TOLERANCE, old * (1 - FEASIBLE) / over, old)
+
+
+def tightened(problem: TuningProblem, factors: np.ndarray | None) -> TuningProblem:
+    """The problem with the bounds of its limits multiplied by `factors` (L,); what is compiled is kept."""
+    if factors is None:
+        return problem
+    tuner = problem.tuner
+    limits = [r._replace(value=r.value * float(f)) for r, f in zip(tuner.objective.limits, factors, strict=True)]
+    objective = tuner.objective._replace(limits=tuple(limits))
+    compiled = tuner.push if tuner.forward else None
+    tuner = dataclasses.replace(tuner, objective=objective, budget=tuner.baseline, compiled=compiled)
+    return problem._replace(tuner=tuner)
