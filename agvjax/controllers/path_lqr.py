@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
@@ -41,7 +41,7 @@ class PathLQR(Regulated):
         q_y: float = 10.0,
         q_psi: float = 1.0,
         r: float = 1.0,
-        speeds: ArrayLike = (0.2, 0.4, 0.8, 1.6),
+        speeds: Sequence[float] | np.ndarray = (0.2, 0.4, 0.8, 1.6),
         **fields: Any,
     ) -> PathLQR:
         """The law with gains of the discrete Riccati equation at each speed.

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 from .._pytree import POSITIVE, Real, number, pytree
 from ..geometry import into_body, into_plane
 from ..messages import Command, Measurement, Reference
+from ..protocols import Law
 from .neuro_backstepping import NeuroBackstepping
 from .wrapping import Wrapping
 
@@ -31,7 +32,7 @@ class VelocityReference(Wrapping):
     itself, kept within `largest`. It runs in a computer, `Sampled`.
     """
 
-    inner: NeuroBackstepping = NeuroBackstepping()
+    inner: Law = NeuroBackstepping()
     L: Real = number(0.3, "m", POSITIVE, "eq. (2), how far ahead of the axle the law looks")
     largest: Array = number((1.2, 1.5), "m/s, rad/s: speed and yaw rate of the reference", POSITIVE, shape=(2,))
 
