@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image  # matplotlib brings it
 
-from .plot import ALONE, STYLES
+from .plot import ALONE, STYLES, shown
 
 WIDTH, DPI = 4.8, 80  # in; 384 pixels
 ROW = 0.19  # in, a line of the legend above the picture
@@ -29,8 +29,8 @@ class Track:
     """A run at equally spaced instants t (K,) [s]: position and reference_position (K, 2) [m], heading (K,) [rad]."""
 
     def __init__(self, run: Any, t: np.ndarray):
-        own, position, target = (np.asarray(x, float) for x in (run.t, run.position, run.reference_position))
-        heading = np.asarray(run.heading, float)
+        own, position, target = (shown(x) for x in (run.t, run.position, run.reference_position))
+        heading = shown(run.heading)
         sound = np.isfinite(position).all(-1) & np.isfinite(heading) & np.isfinite(target).all(-1)
         if not sound.any():
             raise ValueError("a run has no sample that is finite")
@@ -47,7 +47,7 @@ class Animation:
     def __init__(self, runs: Mapping[str, Any], t: np.ndarray, fine: int, per_second: float, length: float | None):
         self.t, self.fine, self.frames_per_second = t[::fine], fine, per_second
         self.tracks = {label: Track(run, t) for label, run in runs.items()}
-        self.path = _finite(np.asarray(next(iter(runs.values())).reference_position, float))
+        self.path = _finite(shown(next(iter(runs.values())).reference_position))
         self.low, self.high = _view(self.path, self.tracks.values())
         self.length = 0.07 * float(np.max(self.high - self.low)) if length is None else length
         self.outside = {label: _outside(track.position, self.low, self.high) for label, track in self.tracks.items()}

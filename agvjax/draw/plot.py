@@ -21,7 +21,16 @@ STYLES = (
     {"color": "tab:orange", "lw": 1.2, "ls": ":"},
 )
 
+FAR = 1e100  # beyond it the arithmetic of axes overflows
+LEFT_OUT = "not drawn: what is not finite or beyond 1e100"
+
 Runs = Mapping[str, Any]  # label -> trajectory, drawn in this order
+
+
+def shown(values: ArrayLike) -> np.ndarray:
+    """The numbers that a figure can show; NaN, a gap in a line, for those that are not finite or beyond `FAR`."""
+    plain = np.asarray(values, float)
+    return np.where(np.abs(plain) <= FAR, plain, np.nan)
 
 
 def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
@@ -29,30 +38,30 @@ def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
     figure = Figure(figsize=(5.2, 5.2), layout="constrained")
     axes = figure.add_subplot()
     if points is not None:
-        axes.plot(*np.asarray(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
+        axes.plot(*shown(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
     draw_path(axes, runs)
-    return figure
+    return complete(figure)
 
 
 def draw_path(axes: Any, runs: Runs) -> None:
     """The same on given axes."""
     first = next(iter(runs.values()))
-    axes.plot(*np.asarray(first.reference_position).T, color="k", lw=0.8, label="path")
+    axes.plot(*shown(first.reference_position).T, color="k", lw=0.8, label="path")
     for (label, run), style in zip(runs.items(), _styles(runs), strict=False):
-        axes.plot(*np.asarray(run.position).T, label=label, **style)
-    axes.plot(*np.asarray(first.position[0]), "o", color="k", ms=4, label="start")
+        axes.plot(*shown(run.position).T, label=label, **style)
+    axes.plot(*shown(first.position[0]), "o", color="k", ms=4, label="start")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.legend(fontsize=8)
 
 
 def errors(runs: Runs) -> Figure:
     """The errors in time."""
-    return _rows(runs, lambda run: np.asarray(tracking_error(run)), ERRORS, "symlog", 1e-2)
+    return _rows(runs, lambda run: shown(tracking_error(run)), ERRORS, "symlog", 1e-2)
 
 
 def commands(runs: Runs) -> Figure:
     """The commands in time, before the actuators."""
-    return _rows(runs, lambda run: np.asarray(run.command), COMMANDS, "symlog", 1.0)
+    return _rows(runs, lambda run: shown(run.command), COMMANDS, "symlog", 1.0)
 
 
 def route(run: Any) -> Figure:
@@ -74,7 +83,7 @@ def route(run: Any) -> Figure:
         axes.set(ylabel=label)
         axes.grid(alpha=0.3)
     fast.set(xlabel="time [s]")
-    return figure
+    return complete(figure)
 
 
 def inputs(run: Any, names: Sequence[str]) -> Figure:
@@ -83,17 +92,17 @@ def inputs(run: Any, names: Sequence[str]) -> Figure:
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     t, limited = np.asarray(run.t), np.asarray(run.limited, float)
     for i, (axes, name) in enumerate(zip(rows, names, strict=True)):
-        asked, delivered = np.asarray(run.inputs)[:, i], np.asarray(run.delivered)[:, i]
+        asked, delivered = shown(run.inputs)[:, i], shown(run.delivered)[:, i]
         axes.plot(t, asked, color="0.6", lw=0.8, ls="--", label="asked")
         axes.plot(t, delivered, color="tab:blue", lw=1.2, label="delivered")
         held = np.repeat(t, 2)[1:], np.repeat(limited, 2)[:-1]  # from each sample to the next
         axes.fill_between(held[0], 0, held[1], transform=axes.get_xaxis_transform(), color="0.9", lw=0)
-        room = 1.3 * max(float(np.max(np.abs(delivered))), 1e-9)
+        room = 1.3 * max(float(np.max(np.abs(np.nan_to_num(delivered)))), 1e-9)
         axes.set(ylabel=name.replace("_", " "), ylim=(-room, room))
         axes.grid(alpha=0.3)
     rows[0].legend(fontsize=8, ncols=2)
     rows[-1].set(xlabel="time [s]")
-    return figure
+    return complete(figure)
 
 
 def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
@@ -113,4 +122,12 @@ def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: 
     rows[-1].set(xlabel="time [s]")
     if len(runs) > 1:
         rows[0].legend(fontsize=8, ncols=len(runs))
+    return complete(figure)
+
+
+def complete(figure: Figure) -> Figure:
+    """The same figure, which says so where a line has gaps."""
+    lines = [line.get_xydata() for axes in figure.axes for line in axes.lines]
+    if not all(np.isfinite(line).all() for line in lines):
+        figure.supxlabel(LEFT_OUT, fontsize=7, color="0.25", x=0.01, ha="left")
     return figure

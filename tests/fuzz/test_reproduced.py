@@ -19,6 +19,8 @@ from tuning.compute import compiled
 
 pytestmark = pytest.mark.slow  # whole commands and programs, minutes in all
 
+SMALL = ["--set", "simulate.horizon=0.2", "--set", "simulate.dt=0.005", "--set", "simulate.integrator=euler"]
+SWEEP = ["--set", "sweep.dt=0.005", "--set", "sweep.integrator=euler", "--set", "sweep.radius=false"]
 REPRODUCED = [  # arguments, and files by name in hexadecimal
     (["simulate", "--set", "a=" + "[" * 5000], {}),
     (["simulate", "--set", "controller.k1=" + "1" * 5000], {}),
@@ -31,6 +33,11 @@ REPRODUCED = [  # arguments, and files by name in hexadecimal
     (["export", "gains.toml", "--format", "c"], {"gains.toml": (b"a = " + b"{a=" * 400 + b"1" + b"}" * 400).hex()}),
     (["tune", "--coordinator", "localhost", "--num-processes", "2", "--process-id", "0"], {}),
     (["tune", "--set", "tune.optimizer=noisy_sgd"], {}),
+    (
+        ["simulate", "--out", "out", *SMALL, "--config", "unicycle", "--set", "scenario.path.omega=2215.8026590121613"],
+        {},
+    ),
+    (["sweep", "--out", "out", *SMALL, *SWEEP, "--config", "unicycle", "--set", "controller.inner.k1=1_000"], {}),
 ]
 
 
@@ -44,7 +51,7 @@ def state_of_jax_left_alone(monkeypatch, tmp_path_factory):
 
 
 @pytest.mark.filterwarnings("ignore:Specifying a key:UserWarning")  # of noisy_sgd
-@pytest.mark.parametrize("case", REPRODUCED, ids=lambda case: " ".join(case[0])[:60])
+@pytest.mark.parametrize("case", REPRODUCED, ids=lambda case: " ".join(case[0])[:60] + case[0][-1][:20])
 def test_what_broke_a_rule_once_breaks_none_now(case, tmp_path, monkeypatch):
     argv, given = case
     monkeypatch.chdir(tmp_path)
@@ -61,12 +68,11 @@ def test_what_broke_a_rule_once_breaks_none_now(case, tmp_path, monkeypatch):
 @pytest.mark.parametrize("command", [["simulate"], ["simulate", "--config", "car"]], ids=" ".join)
 def test_a_call_in_32_bits_after_one_in_64_whose_numbers_are_still_in_use(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    small = [text for setting in ("horizon=0.2", "dt=0.005") for text in ("--set", f"simulate.{setting}")]
-    assert main([*command, *small, "--out", "double"]) == 0
+    assert main([*command, *SMALL, "--out", "double"]) == 0
     law = agvjax.NeuroBackstepping()
     kept = jax.jit(lambda: agvjax.simulate(law, agvjax.Scenario(), n_steps=2).position)
     kept()
-    assert main([*command, *small, "--out", "single", "--precision=32"]) == 0
+    assert main([*command, *SMALL, "--out", "single", "--precision=32"]) == 0
     double, single = (np.load(f"{name}/trajectory.npz")["position"] for name in ("double", "single"))
     assert (double.dtype, single.dtype) == (np.float64, np.float32)
     np.testing.assert_allclose(single, double, atol=1e-3)

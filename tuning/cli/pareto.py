@@ -12,6 +12,7 @@ import agvjax
 from .. import config as configuration
 from ..io import files
 from ..io.pages import grid
+from ..io.pictures import write_figures
 from ..tune import pareto
 from ..tune.finer import judged, validation
 from ..tune.problem import pose
@@ -48,9 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
     header = ["limit", "goal", "met", "dominated"]
     header += [f"{s} {m}" for m in (settings.metric, goal) for s in ("mean", "worst")] + list(names)
     files.write_csv(out / "pareto.csv", header, rows)
-    files.write_figure(out / "pareto.png", pareto.figure(points, uses, errors, settings.metric, goal))
     for i, p in enumerate(points):
         files.write(out / f"gains-{i}.toml", configuration.gains_table(p.controller))
+    drawing = {"pareto": lambda: pareto.figure(points, uses, errors, settings.metric, goal)}
+    for text in write_figures(out, drawing):
+        console.note(text)
     console.say(grid(header, rows), f"front, figure and gains written to {out}")
     if not any(p.met for p in points):
         raise RunFailed("the limits could be met at no point of the front")

@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     options = [f"--config {name}" for name in arguments.config] + [f"--set {text}" for text in arguments.set]
     with console.parts(paper.steps(config)) as tick:
         rebuilt = paper.Reproduction(config, tick)
-        report.write(rebuilt, out, " ".join(["agvjax reproduce", *options]), tick)
+        lost = report.write(rebuilt, out, " ".join(["agvjax reproduce", *options]), tick)
     told = f"report, tables and figures written to {out}; begin with {out}/report.html"
-    console.say(page.summary(rebuilt), told)
+    console.say(page.summary(rebuilt), *lost, told)
     return 0

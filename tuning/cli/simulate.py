@@ -17,6 +17,7 @@ from ..config import whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
+from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
@@ -42,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), config.scenario)
     files.write_npz(out / "trajectory.npz", _arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
-    _draw(trajectory, config.scenario, out)
+    for text in write_figures(out, _drawings(trajectory, config.scenario)):
+        console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
     console.say(tables(of_metrics), f"written to {out}")
@@ -97,21 +99,26 @@ def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
     return arrays if ride is None else arrays | {name: getattr(ride, name) for name in RIDDEN}
 
 
-def _draw(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario, out: Path) -> None:
-    plant, way = scenario.plant, scenario.path
+def _drawings(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario) -> dict[str, Drawing]:
+    """The figures by name, not yet drawn."""
+    plant, way, runs = scenario.plant, scenario.path, {"run": trajectory}
     points = way.points if isinstance(way, agvjax.Waypoints) else None
-    files.write_figure(out / "path.png", plot.path({"run": trajectory}, points))
-    for draw in (plot.errors, plot.commands):
-        files.write_figure(out / f"{draw.__name__}.png", draw({"run": trajectory}))
+    drawings: dict[str, Drawing] = {"path": lambda: plot.path(runs, points)}
+    drawings |= {"errors": lambda: plot.errors(runs), "commands": lambda: plot.commands(runs)}
     if trajectory.route is not None:
-        files.write_figure(out / "route.png", plot.route(trajectory))
+        drawings["route"] = lambda: plot.route(trajectory)
     if "position" not in plant.actuators:  # where they are not the commands themselves
-        files.write_figure(out / "inputs.png", plot.inputs(trajectory, plant.actuators))
+        drawings["inputs"] = lambda: plot.inputs(trajectory, plant.actuators)
+    return drawings
 
 
 def _animate(console: Console, out: Path, trajectory: agvjax.Trajectory) -> None:
     from agvjax.draw import animate  # late: few ask for it
 
-    moving = animate.animation({"run": trajectory})
+    try:
+        moving = animate.animation({"run": trajectory})
+    except ValueError as error:  # nothing of it is finite
+        console.note(f"animation.gif could not be drawn: {error}")
+        return
     with console.bar(moving.frames, "frame") as bar:
         files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, bar.update))

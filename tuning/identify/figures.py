@@ -23,19 +23,20 @@ PLANE = {"aspect": "equal", "xlabel": "x [m]", "ylabel": "y [m]"}
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
 
-def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figure | None:
-    """What each actuator delivers, with its band, above how often each command came; None where none was asked for."""
+def fitted(task: Task, verdict: FitVerdict) -> dict[str, list[str]]:
+    """By actuator the numbers of its deadzone that were asked for; empty where none were."""
     names = [e.name for e in verdict.estimates]
-    scenario = task.model.scenario
-    fitted = {a: [p for p in PARTS if f"deadzone.{a}.{p}" in names] for a in scenario.plant.actuators}
-    actuators = [a for a, parts in fitted.items() if parts]
-    if not actuators:
-        return None
+    parts = {a: [p for p in PARTS if f"deadzone.{a}.{p}" in names] for a in task.model.scenario.plant.actuators}
+    return {actuator: of_it for actuator, of_it in parts.items() if of_it}
+
+
+def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figure:
+    """What each actuator delivers, with its band, above how often each command came."""
+    names, scenario, actuators = [e.name for e in verdict.estimates], task.model.scenario, fitted(task, verdict)
     figure = Figure(figsize=(4.6 * len(actuators), 4.6), layout="constrained")
     axes = np.atleast_2d(figure.subplots(2, len(actuators), height_ratios=(3, 1), sharex="col", squeeze=False))
     rng = np.random.default_rng(seed)
-    for column, actuator in enumerate(actuators):
-        parts = fitted[actuator]  # the others are as they were assumed
+    for column, (actuator, parts) in enumerate(actuators.items()):  # the other parts are as they were assumed
         places, own = [names.index(f"deadzone.{actuator}.{p}") for p in parts], [PARTS.index(p) for p in parts]
         u = _commands(task, actuator)
         assumed = np.array([float(getattr(scenario.deadzone[actuator], part)) for part in PARTS])

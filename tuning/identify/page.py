@@ -13,6 +13,7 @@ from ..config.settings import Config
 from ..io import files
 from ..io.files import Json
 from ..io.pages import grid, html
+from ..io.pictures import Drawing, write_figures
 from . import figures
 from .excitation import Drive
 from .posterior import posterior
@@ -45,31 +46,39 @@ TUNE = (
 def write(config: Config, result: Identified, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
     fit, verdict = result.fit, result.verdict
-    drawn = {"residuals": figures.residuals(fit, verdict), "paths": figures.paths(result.task, fit)}
-    if (deadzones := figures.deadzones(result.task, fit, verdict)) is not None:
-        drawn["deadzones"] = deadzones
-    if result.predictions:
-        drawn["predictions"] = figures.predictions(result.predictions)
-    for name, figure in drawn.items():
-        files.write_figure(out / f"{name}.png", figure)
-    if result.drive is not None:
-        write_drive(result.drive, out)
     tuned = posterior(config, fit, verdict)
     files.write(out / "scenario.toml", configuration.dump(tuned))
     files.write_json(out / "estimates.json", estimates(result))
+    drawn: dict[str, Drawing] = {
+        "residuals": lambda: figures.residuals(fit, verdict),
+        "paths": lambda: figures.paths(result.task, fit),
+    }
+    if figures.fitted(result.task, verdict):
+        drawn["deadzones"] = lambda: figures.deadzones(result.task, fit, verdict)
+    if result.predictions:
+        drawn["predictions"] = lambda: figures.predictions(result.predictions)
+    lost = write_figures(out, drawn)
+    if result.drive is not None:
+        lost += _write_drive(result.drive, out)
     text = page(result, tuned, "deadzones" in drawn)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, _title(result)))
-    return "\n\n".join([table(verdict), *_warnings(result), *([predicted(result)] if result.predictions else [])])
+    return "\n\n".join(
+        [table(verdict), *_warnings(result), *([predicted(result)] if result.predictions else []), *lost]
+    )
 
 
 def write_drive(drive: Drive, out: Path) -> str:
     """`excitation.csv` and its picture; returns what the drive would tell."""
+    return "\n\n".join([suggestion(drive), *_write_drive(drive, out)])
+
+
+def _write_drive(drive: Drive, out: Path) -> list[str]:
+    """The same; returns what could not be drawn."""
     header = ["t", *drive.commands, "expected_x", "expected_y", "expected_heading"]
     rows = np.column_stack([drive.t, drive.inputs, drive.path, drive.heading]).round(6).tolist()
     files.write_csv(out / "excitation.csv", header, rows)
-    files.write_figure(out / "excitation.png", figures.drive(drive))
-    return suggestion(drive)
+    return write_figures(out, {"excitation": lambda: figures.drive(drive)})
 
 
 def estimates(result: Identified) -> Json:

@@ -11,15 +11,12 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from jaxtyping import ArrayLike
 
 from .marks import lives, mark, silent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
 Json = dict[str, Any]  # a table of a JSON file
@@ -124,8 +121,3 @@ def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[object]
     writer.writerow(header)
     writer.writerows([repr(float(x)) if isinstance(x, float) else x for x in row] for row in rows)
     write(path, buffer.getvalue())
-
-
-def write_figure(path: Path, figure: Figure) -> None:
-    """Write a figure in the format that the name of the file ends with."""
-    write_by(path, lambda file: figure.savefig(file, format=path.suffix[1:], dpi=130))

@@ -10,6 +10,7 @@ from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
 from ..io.pages import html
+from ..io.pictures import write_figures
 from . import claims, figures, page, results, verdict, work
 from .design import Design
 from .laws import Laws
@@ -59,11 +60,10 @@ def _reported(folder: Path, text: str) -> bool:
 def _write(config: Config, swept: results.Results, laws: Laws, judges: Sequence[work.Judge], folder: Path) -> str:
     """Findings, figures and report; the report as text."""
     judged = verdict.judge(config, swept, laws, judges)
-    pictures = {f"{n}.png": x for n, x in figures.every(swept, judged.bounds, judged.which, judged.indices).items()}
-    for name, picture in pictures.items():
-        files.write_figure(folder / name, picture)
-    text = page.page(swept, judged, list(pictures), str(folder))
     files.write_json(folder / "findings.json", page.as_json(swept, judged))
+    drawings = figures.every(swept, judged.bounds, judged.which, judged.indices)
+    lost = write_figures(folder, drawings)
+    text = page.page(swept, judged, [f"{name}.png" for name in drawings], str(folder))
     files.write(folder / "report.md", text)
     files.write(folder / "report.html", html(text, folder, "Sweep"))
-    return text
+    return "\n\n".join([text, *lost])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import CenteredNorm, LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from agvjax.draw.plot import shown
 from agvjax.metric_table import METRICS
 
+from ..io.pictures import Drawing
 from .design import Axis, Design
 from .findings import Index, cut, interval
 from .results import Results
@@ -25,25 +28,25 @@ MAPS = 4  # controllers beside each other in a figure
 
 def every(
     results: Results, bounds: Mapping[str, float], which: np.ndarray, indices: Mapping[str, Mapping[str, list[Index]]]
-) -> dict[str, Figure]:
-    """All figures that this design has, by name."""
-    figures: dict[str, Figure] = {}
+) -> dict[str, Drawing]:
+    """All figures that this design has, by name, not yet drawn."""
+    figures: dict[str, Drawing] = {}
     plan, mapped = results.design, len(_mapped(results.design))
     first, *_ = metrics = list(results.metrics)
     if mapped == 2:
-        figures |= {f"map_{metric}": maps(results, metric, which) for metric in metrics[:MOST_MAPS]}
+        figures |= {f"map_{metric}": partial(maps, results, metric, which) for metric in metrics[:MOST_MAPS]}
         if which.any():
-            figures["map_failures"] = failure_map(results, which)
+            figures["map_failures"] = partial(failure_map, results, which)
         others = range(1, len(results.names))
-        figures |= {f"difference_{i}_{first}": difference(results, first, which, i) for i in others}
+        figures |= {f"difference_{i}_{first}": partial(difference, results, first, which, i) for i in others}
     if mapped == 1 and plan.samples > 1:
-        figures["failures"] = failures_along(results, which)
-    figures["cuts"] = cuts(results, metrics[:3], bounds)
+        figures["failures"] = partial(failures_along, results, which)
+    figures["cuts"] = partial(cuts, results, metrics[:3], bounds)
     if plan.sampled:
-        figures["distributions"] = distributions(results, bounds)
+        figures["distributions"] = partial(distributions, results, bounds)
     for i, of_metric in enumerate(indices.values()):
         if any(of_metric.values()):
-            figures[f"sensitivity_{i}"] = sensitivity(of_metric, plan.method)
+            figures[f"sensitivity_{i}"] = partial(sensitivity, of_metric, plan.method)
     return figures
 
 
@@ -81,9 +84,8 @@ def _panel(axes: Axes, results: Results, picture: np.ndarray, bad: np.ndarray, n
     plan = results.design
     first, second = (plan.grid[i] for i in _mapped(plan))
     (x, x0), (y, y0) = scale(plan, first), scale(plan, second)
-    shown = np.where(np.isfinite(picture), picture, np.nan)
-    axes.pcolormesh(x, y, shown.T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
-    axes.set_facecolor("0.25")  # where every run diverged
+    axes.pcolormesh(x, y, shown(picture).T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
+    axes.set_facecolor("0.25")  # where every run diverged, or came to more than a figure can show
     if bad.any() and not bad.all():
         axes.contour(x, y, bad.T.astype(float), levels=[0.5], colors="red", linewidths=1.5)
     axes.plot(x0, y0, "*", ms=12, mfc="white", mec="black")
@@ -110,7 +112,7 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
         bad = _on_map(results, failed, np.any)
         some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
         pictures[name + some] = _on_map(results, values, _finite_mean), bad
-    finite = np.concatenate([picture[np.isfinite(picture)] for picture, _ in pictures.values()])
+    finite = np.concatenate([picture[np.isfinite(shown(picture))] for picture, _ in pictures.values()])
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
     high = max(high, low + 1e-3 * abs(low) + 1e-12)  # also of a metric that is the same everywhere
     norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
@@ -149,7 +151,7 @@ def difference(results: Results, metric: str, which: np.ndarray, other: int) -> 
     first, second = (_on_map(results, results.metrics[metric][i], _finite_mean) for i in (0, other))
     with np.errstate(invalid="ignore"):
         change = 100 * (second / first - 1)
-    finite = np.abs(change[np.isfinite(change)])
+    finite = np.abs(change[np.isfinite(shown(change))])
     reach = max(float(np.quantile(finite, 0.98)), 1e-9) if finite.size else 1.0
     title = f"{results.names[other]} against {results.names[0]}"
     pictures = {title: (change, _on_map(results, which[0] | which[other], np.any))}
@@ -175,13 +177,13 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
         for axes, (place, axis) in zip(row, every, strict=True):
             for i, name in enumerate(results.names):
                 at, statistics = cut(results, results.metrics[metric][i], place, shares)
-                low, median, high, largest = np.where(np.isfinite(statistics), statistics, np.nan).T
+                low, median, high, largest = shown(statistics).T
                 x, _ = scale(plan, axis, at)
                 axes.fill_between(x, low, high, color=f"C{i}", alpha=0.2, lw=0)
                 axes.plot(x, median, color=f"C{i}", lw=1.4, label=name)
                 axes.plot(x, largest, color=f"C{i}", lw=0.8, ls=":")
             axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
-            if metric in bounds:
+            if np.isfinite(shown(bounds.get(metric, np.nan))):
                 axes.axhline(bounds[metric], color="red", lw=0.8)
             axes.grid(alpha=0.25)
             axes.set_xlabel(label(plan, axis), fontsize=8)
@@ -212,9 +214,9 @@ def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
     for axes, (metric, of_each) in zip(panels, results.metrics.items(), strict=False):
         for name, values in zip(results.names, np.sort(of_each), strict=True):
             places = np.unique(np.linspace(0, values.size - 1, 2000).astype(int))
-            places = places[np.isfinite(values[places])]
+            places = places[np.isfinite(shown(values[places]))]
             axes.semilogy(values[places], 1 - places / values.size, lw=1.3, label=name)
-        if metric in bounds:
+        if np.isfinite(shown(bounds.get(metric, np.nan))):
             axes.axvline(bounds[metric], color="red", lw=0.8)
         axes.set(xlabel=_with_unit(metric))
         axes.grid(alpha=0.25)

@@ -27,7 +27,7 @@ def signed(x: float) -> str:
 
 def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Figure:
     """Cost, gradient norm and gains, by those of `start`, over the iterations of every round, of its best search."""
-    table = np.array(run.history)
+    table = plot.shown(np.array(run.history))
     column = {name: table[:, i] for i, name in enumerate(COLUMNS)}
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
@@ -48,10 +48,12 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
             for i, k in enumerate(drawn):
                 values = table[rows, len(COLUMNS) + k] / start[k]
                 gain.semilogy(iteration, values, color=f"C{i}", lw=1.2, label=said + names[k])
-            low = min(low, np.nanmin(column["goal"][rows]))
-            top = max(top, column["cost"][rows][0])
+            low = float(np.fmin(low, np.fmin.reduce(column["goal"][rows])))  # NaN where it is not finite
+            top = float(np.fmax(top, column["cost"][rows][0]))
         offset += int(((column["round"] == turn) & (column["start"] == lead)).sum())
-    cost.set(ylabel="sum of weighed goals", ylim=(0.98 * low, 1.05 * max(top, low)))
+    cost.set(ylabel="sum of weighed goals")
+    if np.isfinite(low):
+        cost.set(ylim=(0.98 * low, 1.05 * max(top, low)))
     cost.legend(fontsize=8)
     norm.set(ylabel="gradient norm")
     gain.set(ylabel="gain / starting gain", xlabel="iteration")
@@ -61,7 +63,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         part.yaxis.set_minor_formatter(NullFormatter())
     gain.legend(fontsize=8, ncols=min(len(drawn), 7), loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    return figure
+    return plot.complete(figure)
 
 
 def _drawn(gains: np.ndarray, start: np.ndarray) -> list[int]:
@@ -83,10 +85,10 @@ def _lead(run: Run, table: np.ndarray, turn: int) -> int:
 def sensitivity_figure(findings: Findings) -> Figure:
     """By how much each gain moves each requirement."""
     names, rows = findings.names, findings.standings
-    table = np.array([s.slopes for s in rows])
+    table = plot.shown(np.array([s.slopes for s in rows]))
     figure = Figure(figsize=(1.6 + 0.75 * len(names), 1.2 + 0.42 * len(rows)), layout="constrained")
     axes = figure.add_subplot()
-    top = max(np.abs(table).max(), 1e-6)
+    top = max(np.abs(np.nan_to_num(table)).max(), 1e-6)
     axes.imshow(table, cmap="RdBu_r", vmin=-top, vmax=top, aspect="auto")
     for (i, k), value in np.ndenumerate(table):
         color = "w" if abs(value) > 0.6 * top else "k"
@@ -112,7 +114,7 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     parts = figure.subplot_mosaic(rows, width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs)
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
-        error = np.asarray(agvjax.tracking_error(run))
+        error = plot.shown(agvjax.tracking_error(run))
         parts["position"].semilogy(np.asarray(run.t), np.hypot(error[:, 0], error[:, 1]), label=label, **style)
         if heading:
             parts["heading"].plot(np.asarray(run.t), error[:, 2], label=label, **style)
@@ -121,4 +123,4 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     parts["position"].set(ylabel="position error [m]", ylim=(1e-4, None))
     for _, name in rows:
         parts[name].grid(alpha=0.3)
-    return figure
+    return plot.complete(figure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
+from ..io.pictures import Drawing, write_figures
 from . import caveats, figures, tables
 from .finer import baseline_of
 from .judge import TuneVerdict
@@ -200,8 +202,10 @@ def _cut(problem: Any) -> str:
 def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "") -> str:
     """Report, with an appendix, figures and `worst.json` into a folder; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
+    files.write_json(out / "worst.json", _worst(outcome, verdict))
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
+    drawings: dict[str, Drawing] = {}
     for name, (title, scene) in scenes.items():
         before, after = (
             agvjax.simulate(
@@ -209,15 +213,15 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
             )
             for law in (config.controller, outcome.controller)
         )
-        files.write_figure(out / f"{name}.png", figures.tracking_figure(before, after, title))
+        drawings[name] = partial(figures.tracking_figure, before, after, title)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
-    files.write_figure(out / "history.png", figures.history_figure(tuner.gains.names, start, outcome.run))
-    files.write_figure(out / "sensitivity.png", figures.sensitivity_figure(verdict.findings))
-    files.write_json(out / "worst.json", _worst(outcome, verdict))
+    drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
+    drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
+    lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Tuned gains"))
-    return brief(outcome, verdict)
+    return "\n\n".join([brief(outcome, verdict), *lost])
 
 
 def _worst(outcome: Outcome, verdict: TuneVerdict) -> Mapping[str, object]:

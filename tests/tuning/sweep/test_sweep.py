@@ -22,6 +22,7 @@ from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
 from tuning.io import marks
+from tuning.io.pictures import write_figures
 from tuning.sweep import claims, figures, findings, radius, results, shards, verdict, work
 from tuning.sweep.design import design
 from tuning.sweep.laws import named
@@ -487,6 +488,19 @@ def test_maps_need_two_axes_with_more_than_one_point():
     numbers = np.arange(6.0)
     picture = figures._on_map(made_up(design(config_of(*three)), {"total_rmse": numbers}), numbers, np.max)
     np.testing.assert_array_equal(picture, [[0, 1, 2], [3, 4, 5]])
+
+
+@pytest.mark.parametrize(("odd", "sound"), [(7.0, 0), (5e-324, 3), (1e99, 3), (1.7e308, 0), (1e300, 3), (np.nan, 3)])
+def test_metrics_of_any_size_are_drawn(odd, sound, tmp_path):
+    """Of two controllers: what is too large for a figure is left out of it, as runs that diverged are."""
+    config = config_of({"start.heading": Span(Between(0.0, 1.0), 2)}, {RIGHT: Span(Between(0.0, 1.0), 3)})
+    values = np.where(np.arange(6) < sound, np.arange(1.0, 7.0), odd)
+    found = made_up(design(config), {"total_rmse": values, "effort": values})
+    two = {name: np.tile(x, (2, 1)) for name, x in found.metrics.items()}
+    found = found._replace(metrics=two, manifest=found.manifest._replace(names=("one", "two")))
+    drawings = figures.every(found, {"total_rmse": odd}, np.array([values > 2] * 2), {})
+    assert write_figures(tmp_path, {**drawings, "shares": lambda: figures.distributions(found, {})}) == []
+    assert {"map_effort.png", "difference_1_total_rmse.png", "cuts.png"} < {path.name for path in tmp_path.iterdir()}
 
 
 def test_a_bound_relative_to_nothing_is_refused():

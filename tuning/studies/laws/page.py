@@ -15,6 +15,7 @@ from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
 from ...io.panels import panels
+from ...io.pictures import write_figures
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -104,18 +105,18 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     """Table, figure, gains and pages into a folder; returns the table."""
     made = rows(comparison, found)
     table = markdown(made)
-    drawn = caption("comparison", figure(found, made), "agvjax compare")
-    files.write_figure(out / "comparison.png", drawn)
     files.write_csv(out / "comparison.csv", made[0], [list(row.values()) for row in made])
     budget = {name: comparison.of(name) for name in BUDGET}
     gains = {
         n: {k: float(v) for k, v in agvjax.leaves(t.controller).items() if np.ndim(v) == 0} for n, t in found.items()
     }
     files.write_json(out / "comparison.json", {"rows": made, "budget_mean_worst": budget, "gains": gains})
+    drawing = {"comparison": lambda: caption("comparison", figure(found, made), "agvjax compare")}
+    lost = write_figures(out, drawing)
     text = _page(comparison, found, table, made)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Which law is better?"))
-    return "\n".join([table, "", *statements(made)])
+    return "\n".join([table, "", *statements(made), *lost])
 
 
 # long: one template

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import agvjax
 from agvjax.draw import plot
 
 from ...io.panels import panels
+from ...io.pictures import Drawing
 from . import cases
 from . import proof as theory
 from .bounds import Report
@@ -33,29 +35,31 @@ Values = Callable[[Any], Any]  # of a trajectory the columns that are drawn
 Trajectories = Mapping[str, agvjax.Trajectory]
 
 
-def paper(runs: Trajectories) -> dict[str, Figure]:
-    """Figures 3 to 16 by name; `runs` are trajectories by controller."""
-    drawn = {}
+def paper(runs: Trajectories) -> dict[str, Drawing]:
+    """Figures 3 to 16 by name, not yet drawn; `runs` are trajectories by controller."""
+    drawn: dict[str, Drawing] = {}
     for first, who in ((3, ACTUATED), (12, UNPREPARED)):
         shown = {LABELS[name]: runs[name] for name in who}
-        drawn[f"fig{first:02}"] = in_time(shown, lambda r: r.position, CHANNEL_AXES[:2], lambda r: r.reference_position)
-        drawn[f"fig{first + 1:02}"] = in_time(
-            shown, lambda r: r.heading[:, None], CHANNEL_AXES[2:], lambda r: r.reference_heading[:, None]
+        drawn[f"fig{first:02}"] = partial(
+            in_time, shown, lambda r: r.position, CHANNEL_AXES[:2], lambda r: r.reference_position
         )
-        drawn[f"fig{first + 2:02}"] = in_time(shown, lambda r: _errors(r)[:, :2], plot.ERRORS[:2], _zeros)
-        drawn[f"fig{first + 3:02}"] = in_time(shown, lambda r: _errors(r)[:, 2:], plot.ERRORS[2:], _zeros)
-        drawn[f"fig{first + 4:02}"] = in_plane(shown)
+        drawn[f"fig{first + 1:02}"] = partial(
+            in_time, shown, lambda r: r.heading[:, None], CHANNEL_AXES[2:], lambda r: r.reference_heading[:, None]
+        )
+        drawn[f"fig{first + 2:02}"] = partial(in_time, shown, lambda r: _errors(r)[:, :2], plot.ERRORS[:2], _zeros)
+        drawn[f"fig{first + 3:02}"] = partial(in_time, shown, lambda r: _errors(r)[:, 2:], plot.ERRORS[2:], _zeros)
+        drawn[f"fig{first + 4:02}"] = partial(in_plane, shown)
     proposed = {LABELS["proposed"]: runs["proposed"]}
-    drawn["fig08"] = in_time(proposed, lambda r: r.command[:, :2], plot.COMMANDS[:2], transient=0.3)
-    drawn["fig09"] = in_time(proposed, lambda r: r.command[:, 2:], plot.COMMANDS[2:], transient=0.3)
+    drawn["fig08"] = partial(in_time, proposed, lambda r: r.command[:, :2], plot.COMMANDS[:2], transient=0.3)
+    drawn["fig09"] = partial(in_time, proposed, lambda r: r.command[:, 2:], plot.COMMANDS[2:], transient=0.3)
     norms = (r"$\hat\varphi$ [-]", r"$\hat\varphi_\psi$ [-]")
-    drawn["fig10"] = in_time(proposed, lambda r: r.weight_norm[:, :1], norms[:1])
-    drawn["fig11"] = in_time(proposed, lambda r: r.weight_norm[:, 1:], norms[1:])
+    drawn["fig10"] = partial(in_time, proposed, lambda r: r.weight_norm[:, :1], norms[:1])
+    drawn["fig11"] = partial(in_time, proposed, lambda r: r.weight_norm[:, 1:], norms[1:])
     return drawn
 
 
 def _errors(run: agvjax.Trajectory) -> np.ndarray:
-    return np.asarray(agvjax.tracking_error(run))
+    return plot.shown(agvjax.tracking_error(run))
 
 
 def _zeros(run: agvjax.Trajectory) -> np.ndarray:
@@ -74,7 +78,7 @@ def in_time(
     figure, grid = panels(len(labels), columns, (7, 1.1 + 1.9 * len(labels)), sharex="col")
     for (row, column), axes in np.ndenumerate(grid):
         for (name, run), style in zip(shown.items(), STYLES, strict=False):
-            t, y = np.asarray(run.t), np.asarray(values(run))[:, row]
+            t, y = np.asarray(run.t), plot.shown(values(run))[:, row]
             keep = t <= (transient if column == 1 and transient else np.inf)
             if columns == 2 and column == 0:
                 axes.set_ylim(*_around(y[t > (transient or 0.0)], 0.1))
@@ -97,18 +101,20 @@ def in_time(
 
 def _around(values: np.ndarray, room: float) -> tuple[float, float]:
     """Ends of an axis that shows all values, with so much room at either end, as a share of their range."""
-    more = room * np.ptp(values) + 1e-9
-    return values.min() - more, values.max() + more
+    finite = plot.shown(values)
+    finite = finite[np.isfinite(finite)] if np.isfinite(finite).any() else np.zeros(1)
+    more = room * np.ptp(finite) + 1e-9 * (1 + np.max(np.abs(finite)))
+    return float(finite.min() - more), float(finite.max() + more)
 
 
 def in_plane(shown: Trajectories) -> Figure:
     """The path and the vehicles in the plane."""
     figure, ((axes,),) = panels(1, 1, (6, 5.6))
     first = next(iter(shown.values()))
-    axes.plot(*np.asarray(first.reference_position).T, label="desired", **REFERENCE)
+    axes.plot(*plot.shown(first.reference_position).T, label="desired", **REFERENCE)
     for (name, run), style in zip(shown.items(), STYLES, strict=False):
-        axes.plot(*np.asarray(run.position).T, label=name, **style)
-    axes.plot(*np.asarray(first.position)[0], "ko", ms=4, label="start")
+        axes.plot(*plot.shown(run.position).T, label=name, **style)
+    axes.plot(*plot.shown(first.position)[0], "ko", ms=4, label="start")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.legend(fontsize=8)
     return figure

@@ -12,38 +12,44 @@ import agvjax
 from ...io import files
 from ...io.files import Json
 from ...io.pages import html
+from ...io.pictures import Drawing, write_figures
 from ..captions import caption
 from . import cases, figures, tables
 from .page import markdown
 from .reproduce import Reproduction, sampled_bounds
 
 
-def write(found: Reproduction, out: Path, command: str, progress: Callable[[str], None]) -> Json:
-    """Tables, figures and pages into a folder; returns `tables.json`'s content."""
-    drawn = figures.paper({name: found.trajectories[name] for name in (*figures.ACTUATED, *figures.UNPREPARED)})
-    drawn |= {
-        "b1": figures.b1(found.network, float(np.asarray(found.law.k2))),
-        "bandwidth": figures.bandwidth(found.judged),
-        "readings": figures.readings({name: run.trajectory for name, run in found.readings.items()}),
-        "lyapunov": figures.lyapunov(found.trajectories["proposed"], *found.lyapunov[:3]),
-        "vacuity": figures.vacuity(found.bounds),
-        "event": figures.event(found.trajectories["event"], found.trajectories["proposed"]),
-        "fractional": figures.fractional(found.judged),
-    }
-    for name, figure in drawn.items():
-        caption(name, figure, command)
-        files.write_figure(out / f"{name}.png", figure)
-        progress(f"{name}.png")
+def write(found: Reproduction, out: Path, command: str, progress: Callable[[str], None]) -> list[str]:
+    """Tables, figures and pages into a folder; returns what could not be drawn."""
     content = {name: tables.plain(made) for name, made in found.tables.items()} | data(found)
     for name, made in (*found.tables.items(), ("extras", found.extras)):
         files.write(out / f"{name}.md", tables.markdown(made) + "\n\n" + tables.reasons(made) + "\n")
         files.write_csv(out / f"{name}.csv", tables.COLUMNS, tables.rows(made))
     files.write_json(out / "tables.json", content)
+    lost = []
+    for name, drawing in _drawings(found).items():
+        lost += write_figures(out, {name: lambda name=name, drawing=drawing: caption(name, drawing(), command)})
+        progress(f"{name}.png")
     text = markdown(found, command)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Does the paper hold?"))
     progress("report")
-    return content
+    return lost
+
+
+def _drawings(found: Reproduction) -> dict[str, Drawing]:
+    """The figures by name, not yet drawn."""
+    drawings = figures.paper({name: found.trajectories[name] for name in (*figures.ACTUATED, *figures.UNPREPARED)})
+    readings = {name: run.trajectory for name, run in found.readings.items()}
+    return drawings | {
+        "b1": lambda: figures.b1(found.network, float(np.asarray(found.law.k2))),
+        "bandwidth": lambda: figures.bandwidth(found.judged),
+        "readings": lambda: figures.readings(readings),
+        "lyapunov": lambda: figures.lyapunov(found.trajectories["proposed"], *found.lyapunov[:3]),
+        "vacuity": lambda: figures.vacuity(found.bounds),
+        "event": lambda: figures.event(found.trajectories["event"], found.trajectories["proposed"]),
+        "fractional": lambda: figures.fractional(found.judged),
+    }
 
 
 def data(found: Reproduction) -> Json:

@@ -16,6 +16,7 @@ from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
 from ...io.panels import panels
+from ...io.pictures import Drawing, write_figures
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
 
 MEASURED = ("largest after 4 s [mm]", "RMSE [m]", "settles [s]")
@@ -26,18 +27,22 @@ def write(study: Study, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
     for name, (_, after) in study.tuned.items():
         files.write(out / f"gains-{name}.toml", configuration.gains_table(after))
-    files.write_figure(out / "paper.png", _errors(study.runs["paper"]))
-    files.write_figure(out / "limits.png", _errors(study.runs["unicycle"]))
-    files.write_figure(out / "car.png", _paths(study.runs["car"]))
+    files.write_json(out / "findings.json", findings(study))
+    drawings: dict[str, Drawing] = {
+        "paper": lambda: _errors(study.runs["paper"]),
+        "limits": lambda: _errors(study.runs["unicycle"]),
+        "car": lambda: _paths(study.runs["car"]),
+    }
     if study.robot:
-        files.write_figure(out / "robot.png", _robots(study))
+        drawings["robot"] = lambda: _robots(study)
+    lost = write_figures(out, drawings)
+    if study.robot:
         moving = _robot_runs(study, SHOWN)
         files.write_by(out / "robot.gif", lambda file: animate.write_gif(animate.animation(moving), file))
-    files.write_json(out / "findings.json", findings(study))
     text = page(study)
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "Vehicles one can meet"))
-    return "\n\n".join([_limited(study), _car(study), *([_robot(study)] if study.robot else []), *study.without])
+    return "\n\n".join([_limited(study), _car(study), *([_robot(study)] if study.robot else []), *study.without, *lost])
 
 
 def findings(study: Study) -> Json:
