@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._pytree import Real, pytree
-from .geometry import safe_sqrt
+from .geometry import into_body, safe_sqrt
 from .metric_table import Followed
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Ridden:
     jerk: Float[Array, ""]  # m^2/s^5
     stuck: Float[Array, ""]  # s
     finished: Float[Array, ""]  # s
-    last: Float[Array, "3"]  # t, speed, acceleration of the sample before
+    last: Float[Array, "3"]  # t, speed along the heading, acceleration of the sample before
 
 
 def start(sample: Sample) -> Ridden | None:
@@ -48,7 +48,7 @@ def start(sample: Sample) -> Ridden | None:
         return None
     zero = jnp.zeros_like(sample.t)
     names = [f for f in Ridden.__dataclass_fields__ if f not in ("last", "finished")]
-    last = jnp.stack([sample.t, sample.route.speed, zero])
+    last = jnp.stack([sample.t, into_body(sample.velocity, sample.heading)[0], zero])
     return Ridden(**dict.fromkeys(names, zero), finished=jnp.full_like(zero, jnp.inf), last=last)
 
 
@@ -58,7 +58,8 @@ def update(tally: Ridden, sample: Sample, weights: tuple[Array, Array], late: Re
     assert ride is not None
     e2, size = ride.cross_track**2, jnp.abs(ride.cross_track)
     zero, t = jnp.zeros_like(size), sample.t
-    acceleration, jerk = _jolt(tally.last, t, ride.speed)
+    own, _ = into_body(sample.velocity, sample.heading)  # of the vehicle: that along the route jumps as its curvature
+    acceleration, jerk = _jolt(tally.last, t, own)
     done = tally.finished < jnp.inf
     stands = (jnp.sum(sample.velocity**2) < CREEP**2) & (jnp.abs(ride.yaw_rate) < CREEP)
     stuck = stands & jnp.any(sample.inputs != 0) & ~done
@@ -77,11 +78,11 @@ def update(tally: Ridden, sample: Sample, weights: tuple[Array, Array], late: Re
         way=tally.way + whole * ride.speed,
         beyond=tally.beyond + whole * (over > 0).astype(whole.dtype),
         excess=jnp.maximum(tally.excess, over),
-        lateral=jnp.maximum(tally.lateral, jnp.abs(ride.speed * ride.yaw_rate)),
+        lateral=jnp.maximum(tally.lateral, jnp.abs(own * ride.yaw_rate)),
         jerk=tally.jerk + whole * jerk**2,
         stuck=tally.stuck + whole * stuck.astype(whole.dtype),
         finished=jnp.minimum(tally.finished, jnp.where(ride.arrived, t, jnp.inf)),
-        last=jnp.stack([t, ride.speed, acceleration]),
+        last=jnp.stack([t, own, acceleration]),
     )
 
 

@@ -13,6 +13,7 @@ from ..paths.route import Route
 from .following import REGULATION, Regulated
 
 STEPS = 3  # of Newton's method to the carrot
+NEAR = 1e-3  # m^2, least squared distance of the carrot; Nav2 steers straight on below it
 NAV2 = "Nav2, nav2_regulated_pure_pursuit_controller"
 
 
@@ -49,8 +50,9 @@ class RegulatedPurePursuit(Regulated):
         return jnp.clip(jnp.abs(speed) * self.lookahead_time, self.min_lookahead_dist, self.max_lookahead_dist)
 
     def carrot(self, place: Place, route: Route, position: Float[Array, "2"], look: Array) -> Float[Array, "2"]:
-        """The point ahead at that distance: Newton's method along the route from the one as far along it."""
-        arc = place.arc + look
+        """The point ahead at that distance: Newton's method along the route, from where it would be on a straight one."""
+        square = look**2 - place.across(position) ** 2
+        arc = place.arc + jnp.sqrt(jnp.maximum(square, (look / 4) ** 2))
         for _ in range(STEPS):
             point = route.at(arc, place.leg)
             away = point.position - position
@@ -68,12 +70,15 @@ class RegulatedPurePursuit(Regulated):
         away = carrot - measurement.position
         _, across = into_body(away, measurement.heading)
         square = jnp.sum(away**2)
-        curvature = place.sign * 2 * across / jnp.maximum(square, 1e-6)  # of travel: w = |v| curvature
-        wanted = jnp.minimum(jnp.asarray(self.desired_linear_vel), place.speed)
-        if self.use_regulated_linear_velocity_scaling:
-            wanted = self.regulated(wanted, curvature)
-        wanted = self._approaching(wanted, place)
+        curvature = place.sign * 2 * across / jnp.maximum(square, NEAR)  # of travel: w = |v| curvature
+        wanted = self.slowed(jnp.minimum(jnp.asarray(self.desired_linear_vel), place.speed), curvature, place)
         return self.twist(wanted, place.sign, curvature), ()
+
+    def slowed(self, speed: Array, curvature: Array, place: Place) -> Array:
+        """A speed reduced in Nav2's order: in turns, to no less than the least, before the end; and never raised."""
+        slow = self.regulated(speed, curvature) if self.use_regulated_linear_velocity_scaling else speed
+        slow = jnp.maximum(slow, self.regulated_linear_scaling_min_speed)
+        return jnp.minimum(self._approaching(slow, place), speed)
 
     def _approaching(self, speed: Array, place: Place) -> Array:
         """Slower within the approach distance of the end of a leg, in proportion to what is left of it."""
