@@ -50,7 +50,7 @@ class RegulatedPurePursuit(Regulated):
         return jnp.clip(jnp.abs(speed) * self.lookahead_time, self.min_lookahead_dist, self.max_lookahead_dist)
 
     def carrot(self, place: Place, route: Route, position: Float[Array, "2"], look: Array) -> Float[Array, "2"]:
-        """The point ahead at that distance: Newton's method along the route, from where it would be on a straight one."""
+        """The point ahead at that distance: Newton's method, from where it would be on a straight route."""
         square = look**2 - place.across(position) ** 2
         arc = place.arc + jnp.sqrt(jnp.maximum(square, (look / 4) ** 2))
         for _ in range(STEPS):

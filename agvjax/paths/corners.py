@@ -73,6 +73,8 @@ def corners(
         signs = np.sign(speeds[[part.line for part in parts[first:last]]])
         if np.any(signs != signs[0]):
             raise ValueError("speed must change its sign only where the lines turn back, by more than 170 degrees")
+        if legs and signs[0] == legs[-1].sign:
+            raise ValueError("speed must change its sign where the lines turn back, by more than 170 degrees")
         lines = Lines(parts[first:last], np.abs(speeds))
         legs.append(Leg(lines, float(lines.marks[-1]), lines.speed, OFF, signs[0]))
     return Laid(legs, closed)

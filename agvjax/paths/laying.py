@@ -18,6 +18,7 @@ from .points import checked, numbers, signed
 from .profile import SpeedLimits
 
 BLOCK = 4096  # instants at which a path is looked at together
+COARSE = 100.0  # times the usual deviation, that as many pieces as there may be are still taken with
 FEWEST, MOST = 64, 2**16  # pieces of a leg to begin with; pieces beyond which the fit is given up
 OFF_SQUARE, SLOW = 1e-4, 4096  # of squared speed, linear over a piece; pieces from which on a jump of it is let be
 OFF = 1e-9  # how far off the pieces may be of the route's size
@@ -59,7 +60,9 @@ class Leg:
             halfway = (knots[1:] + knots[:-1]) / 2
             square, between = self.speed(knots) ** 2, self.speed(halfway) ** 2
             slow = np.abs((square[1:] + square[:-1]) / 2 - between).max() <= OFF_SQUARE * between.max() or n >= SLOW
-            if slow and np.linalg.norm(middle - self.curve(halfway)[0], axis=1).max() <= self.off:
+            if slow and np.linalg.norm(middle - self.curve(halfway)[0], axis=1).max() <= self.off * (
+                1 if n < MOST else COARSE
+            ):
                 return table
             n *= 2
         raise ValueError("the path turns too suddenly for its length: it cannot be followed by arc length")

@@ -26,7 +26,7 @@ from .place import Place
 from .profile import SpeedLimits
 
 PACE = 4.0  # times its own motion, that progress may move in a step: inside a curve it is faster than the vehicle
-SLIDE = 1e-3  # of the route's length, by which progress may move in a step however slow the vehicle is
+SLIDE, SLOWEST = 1e-3, 0.05  # of the route's length, but at most m, by which progress may move in a step at rest
 TURN = 1.0  # m that a radian of a wrong heading counts as where a vehicle looks for its place; or a tenth of the length
 
 
@@ -202,7 +202,7 @@ class Route(Path):
         By Newton's method from the curve as it was there. Progress moves by little more than the vehicle can have come,
         so that it does not leap to another branch; and to the next leg where no more than `reached` [m] is left.
         """
-        most = PACE * h * safe_sqrt(jnp.sum(velocity**2)) + SLIDE * jnp.asarray(self.length)
+        most = PACE * h * safe_sqrt(jnp.sum(velocity**2)) + jnp.minimum(SLIDE * jnp.asarray(self.length), SLOWEST)
         tight = jnp.maximum(1 - place.curvature * place.across(position), FLAT)
         arc = self._kept(place.arc + jnp.clip(place.ahead(position) / tight, -most, most), place.leg)
         piece = Piece.of(self.table, self.legs, arc, place.leg)
