@@ -60,9 +60,8 @@ class Leg:
             halfway = (knots[1:] + knots[:-1]) / 2
             square, between = self.speed(knots) ** 2, self.speed(halfway) ** 2
             slow = np.abs((square[1:] + square[:-1]) / 2 - between).max() <= OFF_SQUARE * between.max() or n >= SLOW
-            if slow and np.linalg.norm(middle - self.curve(halfway)[0], axis=1).max() <= self.off * (
-                1 if n < MOST else COARSE
-            ):
+            off = np.linalg.norm(middle - self.curve(halfway)[0], axis=1).max()
+            if slow and off <= self.off * (1 if n < MOST else COARSE):
                 return table
             n *= 2
         raise ValueError("the path turns too suddenly for its length: it cannot be followed by arc length")
