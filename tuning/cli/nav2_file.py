@@ -37,7 +37,11 @@ class ParameterFile:
             if arguments.controller is not None:
                 raise InputError([Fault("--controller", arguments.controller, "given with --params only")])
             return None
-        return cls(nav2.read(arguments.params, arguments.controller))
+        try:
+            return cls(nav2.read(arguments.params, arguments.controller))
+        except InputError as error:
+            named = {"controller": "--controller"}
+            raise InputError([f._replace(key=named.get(f.key, f.key)) for f in error.faults]) from None
 
     def settings(self) -> dict[str, Toml]:
         """By dotted key; the law and its clock are the file's."""

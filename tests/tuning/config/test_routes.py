@@ -1,0 +1,89 @@
+"""Routes in TOML: what a table makes, that it is written back, and what is refused by key, value and rule."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+import agvjax
+from tuning.config.load import load
+from tuning.config.write import dump
+
+CORNERS = {"type": "route", "points": [[0, 0], [4, 0], [4, 3]], "radius": 1.0, "speed": 0.5}
+
+
+def route(**table):
+    return load([], more={"scenario.path": {"type": "route"} | table}).scenario.path
+
+
+def test_lines_with_a_rounded_corner_have_the_length_of_lines_and_arc():
+    path = route(points=[[0, 0], [4, 0], [4, 3]], radius=1.0, speed=0.5)
+    assert float(path.length) == pytest.approx(3 + np.pi / 2 + 2)
+    assert path.half_widths is None
+
+
+def test_points_are_joined_by_a_spline_and_a_shape_is_followed():
+    line = route(points=[[0, 0], [1, 0], [2, 0], [4, 0]], limits={"stop": False})
+    assert float(line.length) == pytest.approx(4) and line.end() == pytest.approx(4)
+    assert float(route(along="circle").length) == pytest.approx(2 * np.pi, rel=1e-6)
+    assert float(route(along={"type": "circle", "radius": 3.0}).length) == pytest.approx(6 * np.pi, rel=1e-6)
+
+
+def test_a_file_brings_speeds_directions_and_a_corridor(tmp_path):
+    file = tmp_path / "way.csv"
+    rows = ["x,y,speed,left,right"] + [f"{x},0,{0.5 if x < 4 else -0.25},{0.1 * (x + 1)},0.2" for x in range(5)]
+    file.write_text("\n".join(rows[:5]) + "\n")
+    path = route(file=str(file))
+    assert float(path.length) == pytest.approx(3) and path.legs.shape[1] == 1
+    np.testing.assert_allclose(path.half_widths[0, 0], 0.1, rtol=1e-12)
+    np.testing.assert_allclose(path.half_widths[2], 0.2, rtol=1e-12)
+    back = route(points=[[0, 0, 0.5], [1, 0, 0.5], [2, 0, -0.25], [1, 0.2, -0.25], [0, 0.5, -0.25]])
+    assert list(back.legs[3]) == [1, -1]
+
+
+def test_what_is_read_is_written_and_read_again():
+    given = CORNERS | {"half_width": [0.2, 0.3], "limits": {"acceleration": 0.4, "stop": False}}
+    config = load([], more={"scenario.path": given})
+    text = dump(config)
+    assert 'type = "route"' in text and "radius = 1.0" in text
+    again = load([], more={"scenario.path": tomllib.loads(text)["scenario"]["path"]}).scenario.path
+    for name in ("table", "squares", "legs", "half_widths"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(config.scenario.path, name))
+
+
+@pytest.mark.parametrize(
+    "table, words",
+    [
+        ({"points": [[0, 0]]}, ("scenario.path.points", "at least 2")),
+        ({"points": [[0, 0], [0, 0], [1, 0]]}, ("scenario.path.points", "number 1 and number 2 are equal")),
+        ({"points": [[0, 0], [1, 0]], "speed": 0.0}, ("scenario.path.speed = 0", "must not be 0")),
+        ({"points": [[0, 0], [1, 0]], "half_width": -0.1}, ("scenario.path.half_width = -0.1", ">= 0")),
+        ({"points": [[0, 0], [1, 0], [1, 1]], "radius": 3.0}, ("scenario.path.radius = 3", "room")),
+        ({"points": [[0, 0], [1, 0], [1, 1]], "radius": "wide"}, ("scenario.path.radius", "a number")),
+        ({"points": [[0, 0], [1, 0]], "limits": {"acceleration": 0}}, ("limits.acceleration = 0", "> 0")),
+        ({"points": [[0, 0], [1, 0]], "limits": {"jerks": 1}}, ("limits.jerks", "one of speed")),
+        ({"points": [[0, 0], [1, 0]], "until": 3.0}, ("scenario.path.until", "absent")),
+        ({"along": "square"}, ("scenario.path.along", "dumbbell")),
+        ({"along": "circle", "radius": 2.0}, ("scenario.path.radius", "absent")),
+        ({"along": "line"}, ("scenario.path.along", "until must be given")),
+        ({}, ("scenario.path.file", "points")),
+    ],
+)
+def test_what_no_route_can_be_made_of_is_said_with_key_value_and_rule(table, words):
+    with pytest.raises(agvjax.InputError) as said:
+        route(**table)
+    assert all(word in str(said.value) for word in words), str(said.value)
+
+
+@pytest.mark.parametrize("name", ["base", "forklift"])
+def test_a_built_in_problem_follows_a_route(name):
+    config = load([name], [])
+    assert config.controller.follows() and config.scenario.path.by_arc()
+    assert "cross_track_late" in config.tune.goals and set(config.tune.limits) == {"pace", "total_chatter"}
+
+
+def test_a_law_that_follows_needs_a_route():
+    law = agvjax.Sampled(inner=agvjax.PathPID(), vehicle=agvjax.Base(), period=0.05)
+    scenario = agvjax.Scenario.of(agvjax.Base(), disturbance=agvjax.NoDisturbance())
+    with pytest.raises(ValueError, match=r"Dumbbell goes by a clock: make it Route.along\(path\)"):
+        agvjax.simulate(law, scenario, n_steps=2)
