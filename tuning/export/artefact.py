@@ -69,6 +69,9 @@ def read(
     if not isinstance(config.controller, agvjax.Sampled):
         rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
         raise InputError([Fault("controller", type(config.controller).__name__, rule)])
+    if config.controller.follows():
+        kind, rule = type(config.controller.inner).__name__, "a law that goes by the clock: one that follows a route"
+        raise InputError([Fault("controller.inner", kind, f"{rule} cannot be exported yet, its route's table neither")])
     controller = agvjax.check(config.controller)
     known = bool(files) or whole
     stated = configuration.dump(config) if known else content

@@ -55,3 +55,11 @@ def test_a_file_that_cannot_be_used_is_said_with_exit_code_2(options, words, cap
     said = capsys.readouterr().err
     assert all(word in said for word in words) and "Traceback" not in said, said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_law_that_follows_a_route_is_not_exported_and_says_so(tmp_path, capsys):
+    gains = tmp_path / "gains.toml"
+    assert main(["simulate", "--config", "base", "--set", "simulate.horizon=0.1", "--out", str(tmp_path / "run")]) == 0
+    gains.write_text((tmp_path / "run" / "config.toml").read_text())
+    assert main(["export", str(gains), "--format", "c", "--out", str(tmp_path / "c")]) == 2
+    assert "controller.inner = RegulatedPurePursuit: must be a law that goes by the clock" in capsys.readouterr().err
