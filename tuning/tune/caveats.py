@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from agvjax.metric_table import METRICS
 
 from ..config.settings import LATE
 from ..ensemble.worst import Found
-from .gains import Gains
+from .gains import Gains, value_of
 from .methods.objective import TOLERANCE, Objective
 
 WORSE = 0.05  # by how much a metric must rise to be worth a word
@@ -126,11 +126,11 @@ def worst_bounds(objective: Objective, baseline: np.ndarray) -> dict[str, float]
     return {r.metric: float(b) for r, b in zip(objective.limits, bounds, strict=True) if r.statistic == "worst"}
 
 
-def at_bounds(gains: Gains, values: Mapping[str, float]) -> list[str]:
+def at_bounds(gains: Gains, controller: agvjax.Law) -> list[str]:
     """Gains that ended at a bound of theirs, other than 0."""
     lines = []
     for name, *bounds in zip(gains.names, gains.lower, gains.upper, strict=True):
         for bound in bounds:
-            if np.isfinite(bound) and bound and abs(values[name] - bound) < AT_BOUND * abs(bound):
+            if np.isfinite(bound) and bound and abs(value_of(controller, name) - bound) < AT_BOUND * abs(bound):
                 lines.append(f"{name} ended at its bound {bound:.4g} (tune.bounds, the step, or the law's conditions)")
     return lines

@@ -83,7 +83,7 @@ def judge(outcome: Outcome) -> TuneVerdict:
     long = config.simulate.horizon > float(criteria.late)
     useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
     cautions += caveats.worst_case(objective, outcome.found, baseline)
-    cautions += caveats.at_bounds(problem.tuner.gains, agvjax.leaves(outcome.controller))
+    cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)
     if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):
         cautions.append("nothing better than the starting gains was found: the gains are those")
     cautions += [*_unit(outcome), *([outcome.stopped] if outcome.stopped else [])]

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-import agvjax
-from agvjax.leaves import unit_of
+from agvjax.leaves import element, unit_of
 from agvjax.metric_table import METRICS
 
 from ..io.pages import grid
 from . import figures
 from .analysis import Findings
 from .choice import PAYS
+from .gains import value_of
 from .judge import Summary
 from .methods.objective import Requirement
 from .rounds import Round
@@ -52,12 +52,11 @@ def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
 
 def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
     """Gains before and after, with the margin to each stability condition."""
-    old, new = agvjax.leaves(before), agvjax.leaves(after)
     rows = []
     for name in dict.fromkeys([*names, *stability]):
-        bound = stability.get(name)
-        condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{float(new[name]) - bound:.4g}"]
-        values = [f"{float(old[name]):.5g}", f"{float(new[name]):.5g}", unit_of(after, name)]
+        bound, old, new = stability.get(name), value_of(before, name), value_of(after, name)
+        condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{new - bound:.4g}"]
+        values = [f"{old:.5g}", f"{new:.5g}", unit_of(after, element(name)[0])]
         rows.append([name, *values, *(condition if stability else [])])
     return grid(["gain", "before", "after", "unit", *(["must exceed", "margin"] if stability else [])], rows)
 

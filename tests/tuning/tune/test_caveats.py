@@ -94,7 +94,7 @@ def test_the_worst_case_is_held_against_the_limit(value, text):
 
 def test_gains_at_a_bound_other_than_0_are_named():
     gains = Gains(("k1", "zeta", "Lam"), np.array([1.0, 0.1, 0.0]), np.array([np.inf, 3.0, 50.0]))
-    (line,) = caveats.at_bounds(gains, {"k1": 8.0, "zeta": 0.1003, "Lam": 0.001})
+    (line,) = caveats.at_bounds(gains, agvjax.NeuroBackstepping(k1=8.0, zeta=0.1003, Lam=0.001))
     assert line.startswith("zeta ended at its bound 0.1 ")
 
 

@@ -11,6 +11,7 @@ from agvjax import InputError, NeuroBackstepping, Sampled, Scenario, Timing
 from laws import Proportional
 from tuning import Between, Config, Ensemble, Limit, Objective, Requirement, Search, Simulate, Tune, Tuner, pose, sample
 from tuning import config as configuration
+from tuning.tune import tables
 from tuning.tune.checkpoint import load, save
 from tuning.tune.choice import promises
 from tuning.tune.gains import Gains, names_of
@@ -62,6 +63,13 @@ def test_a_number_in_an_array_is_tuned_by_its_place_and_its_neighbours_stay():
     np.testing.assert_allclose(
         many.values["heading_network.centers"], [[-3.0, 1.0, 0.0, 2.0, 3.0], [-3.0, 3.0, 0.0, 4.0, 3.0]]
     )
+
+
+def test_a_number_in_an_array_stands_in_the_table_of_gains():
+    law = NeuroBackstepping()
+    moved = agvjax.replace(law, {"heading_network.centers": np.array([-3.0, -0.25, 0.0, 2.5, 3.0])})
+    row = tables.gains(("heading_network.centers[1]",), law, moved, {}).splitlines()[-1]
+    assert [cell.strip() for cell in row.split("|")[1:4]] == ["heading_network.centers[1]", "-1.5", "-0.25"]
 
 
 @pytest.mark.parametrize("name", ["heading_network.centers", "heading_network.centers[5]", "k1[0]"])

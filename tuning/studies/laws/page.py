@@ -139,7 +139,8 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
 
 Every law was tuned by the same tuner (sequential quadratic programming on the exact Jacobian) on the same {sizes.size}
 scenarios, to the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
-mean and worst, no more than the proposed law needs there with its printed gains. The table is on
+mean and worst, no more than the proposed law needs there with its printed gains. Searches begin at the law's own gains,
+at those of two bandwidths where that is defined, and at the best of 512 gain sets looked at first. The table is on
 {sizes.validation_size} scenarios that no law has seen. Event-triggered: tuned through its continuous law, judged held.
 
 {said}
