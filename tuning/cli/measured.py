@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Array
 
 import agvjax
 from agvjax.draw import plot
@@ -14,6 +15,7 @@ from agvjax.metric_table import METRICS, metrics_of
 from ..io.pages import grid
 
 Number = float | str  # or words where there is none
+RIDDEN = ("arc", "cross_track", "heading_error", "speed", "wanted")  # of a route, kept sample by sample
 Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
 
 
@@ -60,3 +62,11 @@ def tables(numbers: Numbers) -> str:
 def _table(corner: str, rows: Mapping[str, Mapping[str, Number]]) -> str:
     lines = [[name, *(x if isinstance(x, str) else f"{x:.5g}" for x in row.values())] for name, row in rows.items()]
     return grid([corner, *next(iter(rows.values()))], lines)
+
+
+def arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
+    """All that is sampled, but the state of the law, by name."""
+    sampled = {f.name: getattr(trajectory, f.name) for f in dataclasses.fields(trajectory)}
+    sampled = {name: x for name, x in sampled.items() if x is not None and name not in ("controller", "ok", "route")}
+    ride = trajectory.route
+    return sampled if ride is None else sampled | {name: getattr(ride, name) for name in RIDDEN}

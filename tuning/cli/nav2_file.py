@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
 import agvjax
@@ -13,7 +14,7 @@ from ..config.codecs import Toml
 from ..io import files, nav2
 
 TUNED = "nav2_params.tuned.yaml"
-LAW = agvjax.RegulatedPurePursuit
+LAW = {field.name for field in dataclasses.fields(agvjax.RegulatedPurePursuit)}
 NOT_DRIVEN = "The simulated law has no such manoeuvre: it is left as it is."
 
 
@@ -22,7 +23,7 @@ class ParameterFile:
 
     def __init__(self, found: nav2.Parameters):
         self.found = found
-        self.values = {name: value for name, value in found.values.items() if hasattr(LAW, name)}
+        self.values = {name: value for name, value in found.values.items() if name in LAW}
         left = {name: NOT_DRIVEN for name in found.values if name not in self.values}
         self.left = found.ignored | left | dict.fromkeys(found.unknown, "Nav2 has no parameter of that name.")
 

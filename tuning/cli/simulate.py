@@ -6,8 +6,6 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from jaxtyping import Array
-
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
@@ -21,11 +19,10 @@ from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
-from .measured import divergence, numbers, tables
+from .measured import arrays, divergence, numbers, tables
 from .prepare import configure, warn
 
 NUMBERS = 60  # about so many are kept of one sample, copies among them
-RIDDEN = ("arc", "cross_track", "heading_error", "speed", "wanted")  # of a route, kept sample by sample
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -41,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
     of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), config.scenario)
-    files.write_npz(out / "trajectory.npz", _arrays(trajectory))
+    files.write_npz(out / "trajectory.npz", arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
     for text in write_figures(out, _drawings(trajectory, config.scenario)):
         console.note(text)
@@ -89,14 +86,6 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
 def _vehicle(config: Config) -> list[Fault]:
     """What is wrong with a vehicle that was drawn, a fraction of a seed too."""
     return vehicle_faults(config) or timing_faults(config, "simulate") or _kept(config)
-
-
-def _arrays(trajectory: agvjax.Trajectory) -> dict[str, Array]:
-    """All that is sampled, but the state of the law, by name."""
-    arrays = {f.name: getattr(trajectory, f.name) for f in dataclasses.fields(trajectory)}
-    arrays = {name: x for name, x in arrays.items() if x is not None and name not in ("controller", "ok", "route")}
-    ride = trajectory.route
-    return arrays if ride is None else arrays | {name: getattr(ride, name) for name in RIDDEN}
 
 
 def _drawings(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario) -> dict[str, Drawing]:

@@ -197,7 +197,8 @@ def test_metrics_are_those_of_the_trajectory(rectangle):
 def test_a_vehicle_that_is_asked_for_less_than_its_deadzone_stands_and_never_finishes():
     route = Route.corners([[0, 0], [5, 0]], 0.05, radius=1.0)
     given = scenario(route, position=np.array([0.0, 0.0]), heading=0.0)
-    found = agvjax.evaluate(sampled(PathPID()), given, dt=DT, n_steps=400).followed
+    law = PathPID(min_approach_linear_velocity=0.01)
+    found = agvjax.evaluate(sampled(law), given, dt=DT, n_steps=400).followed
     assert float(found.standstill) == pytest.approx(1.0, abs=0.01)
     assert np.isinf(float(found.time_to_finish)) and np.isinf(float(found.pace))
 

@@ -60,7 +60,7 @@ def odd(value):
 def search(value):
     point = np.zeros(2)
     row = (0, value, value, value, 0.0, 1.0, 0, 0, 3, 1.0, value)
-    return Progress(1, point, (), point, point, (0.0, value), 0, 0, 0, 3, [row])
+    return Progress(1, point, (), point, point, (0.0, value), 0, 0, 0, 3, [row], np.ones(2, bool))
 
 
 @pytest.mark.parametrize("value", ODD)
