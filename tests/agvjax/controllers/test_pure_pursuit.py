@@ -69,10 +69,21 @@ def foot(name, step):
     return found
 
 
-def points_at(name, arc):
-    line = points(name)
-    marks = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    return np.array([np.interp(arc, marks, line[:, i]) for i in range(2)])
+def steepness(name, step):
+    """Cosine of the angle between the view to Nav2's carrot and the path there; 1 where it is the last pose."""
+    line, (x, y, yaw) = points(name), step["pose"]
+    away = step["carrot"][0] * np.array([np.cos(yaw), np.sin(yaw)]) + step["carrot"][1] * np.array(
+        [-np.sin(yaw), np.cos(yaw)]
+    )
+    carrot, last = np.array([x, y]) + away, line[step["nearest"] + step["poses"] - 1]
+    if np.linalg.norm(carrot - last) < 1e-6:
+        return 1.0
+    d = np.diff(line, axis=0)
+    share = np.clip(np.sum((carrot - line[:-1]) * d, axis=1) / np.sum(d * d, axis=1), 0, 1)
+    off = np.linalg.norm(line[:-1] + share[:, None] * d - carrot, axis=1)
+    off[: max(step["nearest"] - 1, 0)] = np.inf
+    k = int(np.argmin(off))
+    return float(d[k] @ away / np.linalg.norm(d[k]) / np.linalg.norm(away))
 
 
 # --------------------------------------------------------------------------------------------------------- in pieces
@@ -115,14 +126,15 @@ def test_the_carrot():
         away, c, s = found - pose[:, :2], np.cos(pose[:, 2]), np.sin(pose[:, 2])
         body = np.c_[away[:, 0] * c + away[:, 1] * s, away[:, 1] * c - away[:, 0] * s]
         near = np.linalg.norm(first - pose[:, :2], axis=1) < looks
-        own = np.array([np.linalg.norm(points_at(name, arc) - p[:2]) for arc, p in zip(arcs, pose, strict=True)])
-        grazes = own > 0.9 * looks  # the circle of the look-ahead hardly crosses the path: Newton's steps are bounded
-        np.testing.assert_allclose(body[near & ~grazes], wanted[near & ~grazes], atol=OFF, err_msg=name)
-        np.testing.assert_allclose(body[near & grazes], wanted[near & grazes], atol=3e-3, err_msg=name)
+        # where the path hardly leaves the circle of the look-ahead, Newton's bounded steps do not get there
+        crossing = np.array([steepness(name, step) for step in mine])
+        plain, grazes = near & (crossing > 0.4), near & (crossing <= 0.4)
+        np.testing.assert_allclose(body[plain], wanted[plain], atol=OFF, err_msg=name)
+        np.testing.assert_allclose(np.linalg.norm(body[grazes], axis=1), looks[grazes], rtol=0.03, err_msg=name)
         spacing = np.linalg.norm(np.diff(points(name), axis=0), axis=1).max()
-        np.testing.assert_array_less(np.linalg.norm(body - wanted, axis=1)[~near], spacing)
+        np.testing.assert_array_less(np.linalg.norm(body - wanted, axis=1)[~near], spacing * (1 + 1e-6))
         seen, far = seen + near.sum(), far + (~near).sum()
-    assert seen > 180, (seen, far)
+    assert seen > 180 and far < seen / 5, (seen, far)
 
 
 def curved(case):
