@@ -12,7 +12,7 @@ def search(cost):
     """One iteration of two gains that came to this cost."""
     point = np.zeros(2)
     row = (0, cost, cost, 0.0, 0.0, 1.0, 0, 0, 3, 1.0, 2.0)  # HISTORY, then the gains
-    return Progress(1, point, (), point, point, (0.0, cost), 0, 0, 0, 3, [row])
+    return Progress(1, point, (), point, point, (0.0, cost), 0, 0, 0, 3, [row], np.ones(point.size, bool))
 
 
 @pytest.mark.parametrize("costs", [(1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (2.0, 3.0, 1.0), (1.0, 1.0, 1.0)])

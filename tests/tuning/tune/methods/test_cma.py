@@ -19,7 +19,7 @@ def stairs(z):
 
 
 def progress(method, z):
-    return Progress(0, z, method.begin(z, 4), z, z, (np.inf, np.inf), 0, 0, 0, 0, [])
+    return Progress(0, z, method.begin(z, 4), z, z, (np.inf, np.inf), 0, 0, 0, 0, [], np.ones(z.size, bool))
 
 
 def generations(method, p, count):
