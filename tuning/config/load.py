@@ -22,7 +22,7 @@ from .spellings import KINDS, NAMED, Toml, flat
 
 SECTIONS = ("scenario", "scenario.start", "simulate", "ensemble", "tune", "tune.search", "pareto", "sweep", "identify")
 VEHICLES = ("unicycle", "car", "robot")
-PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "base", "forklift", "paper-goal")
+PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "base", "forklift", "paper-goal", "all-gains")
 
 
 def load(

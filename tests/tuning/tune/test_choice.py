@@ -92,6 +92,14 @@ def test_all_are_the_laws_own_and_every_other_number_but_the_period_and_what_lie
     assert set(names) - set(tied) == {"k2"}
 
 
+def test_the_preset_leaves_room_below_every_limit():
+    tune = configuration.load(["all-gains"], rules=faults).tune
+    assert tune.gains == "sensitive"
+    assert {name: (x.mean < 1, x.worst < 1) for name, x in tune.limits.items()} == dict.fromkeys(
+        ("effort", "peak_position", "peak_heading"), (True, True)
+    )
+
+
 @pytest.mark.parametrize("setting", ["tune.gains=some", "tune.gains=3", 'tune.gains=["k1", 2]'])
 def test_a_word_that_means_no_gains_is_refused(setting):
     with pytest.raises(InputError, match="one of all, sensitive"):

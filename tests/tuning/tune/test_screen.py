@@ -169,6 +169,8 @@ class Nobody:
 @pytest.mark.parametrize(("floor", "others"), [(1.0, True), (3.0, False)])
 def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, others, monkeypatch):
     """A plateau at `floor` about the start, without slopes, in a cone that falls to .2 elsewhere."""
+    for name in ("before_and_after", "tighter"):  # what answers has no finer step
+        monkeypatch.setattr(rounds, name, lambda *arguments: None)
     middle, tip = np.log([20.0, 12.0]), np.log([20.0, 12.0]) + [2.0, -1.5]
 
     def runs(z, amplitude):
@@ -185,9 +187,6 @@ def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, oth
     screen, _ = far_from(runs, count=7)
     tuner = dataclasses.replace(screen.tuner, compiled=model)
     config = Config(tune=Tune(screen=7), ensemble=Ensemble(size=SIZE))
-    # these runs have no finer step at which limits could be judged
-    monkeypatch.setattr(rounds, "before_and_after", lambda *_: None)
-    monkeypatch.setattr(rounds, "tighter", lambda *_: None)
     outcome = solve(TuningProblem(config, tuner, Nobody(), dataclasses.replace(screen, tuner=tuner)))
     assert (len(outcome.run.searches) > 1) == others
     np.testing.assert_allclose(outcome.progress.best_z, tip, atol=0.05)
