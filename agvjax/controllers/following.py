@@ -12,7 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from .._pytree import POSITIVE, Real, number, pytree
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..geometry import into_body
 from ..messages import Command, Measurement, Reference
 from ..paths.place import Place
@@ -78,9 +78,11 @@ REGULATION = ("regulated_linear_scaling_min_radius", "regulated_linear_scaling_m
 class Regulated(Follower):
     """A follower that slows down where it turns, as Nav2's regulated pure pursuit does, under its names."""
 
-    regulated_linear_scaling_min_radius: Real = number(0.9, "m", POSITIVE, "Nav2: turns tighter than this are slowed")
-    regulated_linear_scaling_min_speed: Real = number(0.25, "m/s", POSITIVE, "Nav2: but never below this")
-    min_approach_linear_velocity: Real = number(0.15, "m/s", POSITIVE, "Nav2: never slower until it has arrived")
+    regulated_linear_scaling_min_radius: Real = number(
+        0.9, "m", NONNEGATIVE, "Nav2: turns tighter than this are slowed"
+    )
+    regulated_linear_scaling_min_speed: Real = number(0.25, "m/s", NONNEGATIVE, "Nav2: but never below this")
+    min_approach_linear_velocity: Real = number(0.15, "m/s", NONNEGATIVE, "Nav2: never slower until it has arrived")
     max_angular_velocity: Real = number(1.5, "rad/s", POSITIVE, "what a yaw rate is clipped to")
 
     def regulated(self, speed: Array, curvature: Array) -> Float[Array, ""]:

@@ -20,8 +20,8 @@ from .following import REGULATION, Regulated, path_errors
 class PathLQR(Regulated):
     """kappa = kappa_d(s + |v| ahead) - k_y(|v|) e - k_psi(|v|) e_psi, gains between nodes of speed interpolated.
 
-    `PathLQR.designed` solves for the gains at the nodes: e' = v e_psi, e_psi' = v u + ..., held for a period, at the
-    least sum of q_y e^2 + q_psi e_psi^2 + r u^2 with u the curvature added to the route's.
+    `PathLQR.designed` solves for the gains at the nodes: e' = v e_psi, e_psi' = v u, with u the curvature added to
+    the route's, held for a period, at the least integral over the way of q_y e^2 + q_psi e_psi^2 + r u^2.
     """
 
     speeds: Any = number((0.2, 0.4, 0.8, 1.6), "m/s, of the nodes, rising", POSITIVE, shape=(None,))

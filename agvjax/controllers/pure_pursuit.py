@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._pytree import POSITIVE, Real, number, pytree, structure
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
 from ..geometry import into_body, safe_sqrt
 from ..messages import Measurement
 from ..paths.place import Place
@@ -29,11 +29,11 @@ class RegulatedPurePursuit(Regulated):
     lookahead_dist: Real = number(0.6, "m", POSITIVE, NAV2)
     min_lookahead_dist: Real = number(0.3, "m", POSITIVE, NAV2)
     max_lookahead_dist: Real = number(0.9, "m", POSITIVE, NAV2)
-    lookahead_time: Real = number(1.5, "s", POSITIVE, NAV2)
+    lookahead_time: Real = number(1.5, "s", NONNEGATIVE, NAV2)
     min_approach_linear_velocity: Real = number(
-        0.05, "m/s", POSITIVE, NAV2 + "; motors with a deadzone may stand before the end"
+        0.05, "m/s", NONNEGATIVE, NAV2 + "; motors with a deadzone may stand before the end"
     )
-    approach_velocity_scaling_dist: Real = number(0.6, "m", POSITIVE, NAV2)
+    approach_velocity_scaling_dist: Real = number(0.6, "m", NONNEGATIVE, NAV2)
     use_velocity_scaled_lookahead_dist: bool = structure(False)
     use_regulated_linear_velocity_scaling: bool = structure(True)
 
@@ -83,6 +83,6 @@ class RegulatedPurePursuit(Regulated):
     def _approaching(self, speed: Array, place: Place) -> Array:
         """Slower within the approach distance of the end of a leg, in proportion to what is left of it."""
         near = self.approach_velocity_scaling_dist
-        share = jnp.minimum(place.remaining / near, 1.0)
+        share = jnp.minimum(place.remaining / jnp.maximum(near, 1e-9), 1.0)
         slow = jnp.maximum(speed * share, self.min_approach_linear_velocity)
         return jnp.where(place.remaining < near, jnp.minimum(speed, slow), speed)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
@@ -92,10 +93,9 @@ class Driven(Plant):
         """What must be delivered to drive along a path, its axle on it."""
         if motion.asked is None:
             return {}
-        velocity = np.asarray(motion.asked.velocity)
-        twists = np.stack([np.linalg.norm(velocity, axis=-1), np.asarray(motion.asked.heading_rate)], axis=-1)
-        parts = np.stack([np.asarray(self.asked(jnp.asarray(twist))) for twist in twists])
-        return dict(zip(self.actuators, parts.T, strict=True))
+        speed = np.sum(np.asarray(motion.asked.velocity) * np.asarray(_along(motion.asked.heading)), axis=-1)
+        twists = jnp.stack([jnp.asarray(speed), jnp.asarray(motion.asked.heading_rate)], axis=-1)
+        return dict(zip(self.actuators, np.asarray(jax.vmap(self.asked)(twists)).T, strict=True))
 
 
 @pytree
@@ -218,4 +218,5 @@ class Ackermann(Driven):
         return jnp.stack([speed + push, turn])
 
 
+_along = jax.vmap(direction)  # unit vectors of headings (n,)
 CREEP = 1e-3  # m/s, below which a steered vehicle is not steered: there is no turning on the spot

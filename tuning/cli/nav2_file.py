@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 
 import agvjax
@@ -14,7 +13,6 @@ from ..config.codecs import Toml
 from ..io import files, nav2
 
 TUNED = "nav2_params.tuned.yaml"
-LAW = {field.name for field in dataclasses.fields(agvjax.RegulatedPurePursuit)}
 NOT_DRIVEN = "The simulated law has no such manoeuvre: it is left as it is."
 
 
@@ -23,7 +21,7 @@ class ParameterFile:
 
     def __init__(self, found: nav2.Parameters):
         self.found = found
-        self.values = {name: value for name, value in found.values.items() if name in LAW}
+        self.values = {name: value for name, value in found.values.items() if name in nav2.SIMULATED}
         left = {name: NOT_DRIVEN for name in found.values if name not in self.values}
         self.left = found.ignored | left | dict.fromkeys(found.unknown, "Nav2 has no parameter of that name.")
 
@@ -62,6 +60,9 @@ class ParameterFile:
             n.removeprefix(prefix) for n in (*(config.tune.gains or ()), *config.tune.tied) if n.startswith(prefix)
         ]
         values = {name: float(leaves[prefix + name]) for name in names}
+        if "min_lookahead_dist" in values:  # the law takes the largest where the least lies above it; Nav2 does not say
+            largest = float(leaves[f"{prefix}max_lookahead_dist"])
+            values["min_lookahead_dist"] = min(values["min_lookahead_dist"], largest)
         text = nav2.write(self.found.text, values, self.found.controller)
         files.write(out / TUNED, text)
         changed = nav2.diff(self.found.text, text, Path(self.found.file).name)

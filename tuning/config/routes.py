@@ -11,14 +11,11 @@ import numpy as np
 
 import agvjax
 
+from .names import CLASSES
 from .spellings import Toml, numbers
 
-SHAPES = {
-    "dumbbell": agvjax.Dumbbell,
-    "circle": agvjax.Circle,
-    "lemniscate": agvjax.Lemniscate,
-    "line": agvjax.Line,
-}
+MADE = (agvjax.Waypoints, agvjax.Route)  # paths that are no shapes
+SHAPES = {name: cls for name, cls in CLASSES["scenario.path"].items() if cls is not None and cls not in MADE}
 LAYING = ("closed", "radius", "tolerance", "until", "limits", "half_width")
 FLAGS = ("closed",)
 
@@ -36,10 +33,10 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
     key = "along" if rows is None else "file" if "file" in table else "points"
     try:
         if rows is None:
-            _absent(table, given, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
+            _absent(table, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
             route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), **common)
         else:
-            _absent(table, given, ("until",), "but where the route is along a shape")
+            _absent(table, ("until",), "but where the route is along a shape")
             points, speed = rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else 1.0
             closed = given.get("closed", False)
             corner = {name: given[name] for name in ("radius", "tolerance") if name in given}
@@ -63,7 +60,7 @@ def table_of(route: agvjax.Route) -> dict[str, Toml]:
     return json.loads(route.made) if route.made else {"points": "laid in Python"}
 
 
-def _absent(table: Mapping[str, Toml], given: Mapping[str, Any], names: tuple[str, ...], why: str) -> None:
+def _absent(table: Mapping[str, Toml], names: tuple[str, ...], why: str) -> None:
     wrong = [agvjax.Fault(name, table[name], f"absent {why}") for name in names if name in table]
     if wrong:
         raise agvjax.InputError(wrong)

@@ -66,17 +66,22 @@ def read(
     files = [*config_files] or ([str(beside)] if beside.is_file() and not whole else [])
     alone = {"scenario.plant": law["vehicle"]} if not (files or whole) and "vehicle" in law else {}
     config = configuration.load([*files, gains_file], overrides, more=alone, imports=imports, note=note)
-    if not isinstance(config.controller, agvjax.Sampled):
-        rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
-        raise InputError([Fault("controller", type(config.controller).__name__, rule)])
-    if config.controller.follows():
-        kind, rule = type(config.controller.inner).__name__, "a law that goes by the clock: one that follows a route"
-        raise InputError([Fault("controller.inner", kind, f"{rule} cannot be exported yet, its route's table neither")])
-    controller = agvjax.check(config.controller)
+    controller = _exportable(config.controller)
     known = bool(files) or whole
     stated = configuration.dump(config) if known else content
     verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
     return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known) | verdict))
+
+
+def _exportable(law: agvjax.Law) -> Sampled:
+    """The law, if it has a period and goes by the clock."""
+    if not isinstance(law, Sampled):
+        rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
+        raise InputError([Fault("controller", type(law).__name__, rule)])
+    if law.follows():
+        rule = "a law that goes by the clock: one that follows a route cannot be exported yet"
+        raise InputError([Fault("controller.inner", type(law.inner).__name__, rule)])
+    return agvjax.check(law)
 
 
 def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:

@@ -153,10 +153,12 @@ def test_several_and_none_asked_for():
 
 def tuned_values(seed):
     draw = random.Random(seed)
-    return {
+    drawn = {
         name: draw.random() < 0.5 if isinstance(parameter.default, bool) else draw.uniform(0.3, 3.0)
         for name, parameter in PARAMETERS.items()
     }
+    ends = sorted(drawn[name] for name in ("min_lookahead_dist", "max_lookahead_dist"))
+    return drawn | dict(zip(("min_lookahead_dist", "max_lookahead_dist"), ends, strict=True))
 
 
 @each_section
@@ -164,7 +166,7 @@ def tuned_values(seed):
 @pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["", "bom"])
 def test_what_is_written_is_read_and_nothing_else_changes(name, controller, place, ends, mark, tmp_path):
     before = mark + path(name).read_text().replace("\n", ends)
-    tuned = {key: value for key, value in tuned_values(f"{name} {controller}").items()}
+    tuned = tuned_values(f"{name} {controller}")
     after = nav2.write(before, tuned, controller)
     (tmp_path / "after.yaml").write_bytes(after.encode())
     found = nav2.read(tmp_path / "after.yaml", controller)
@@ -412,3 +414,11 @@ def test_a_value_that_cannot_be_written(name, value):
 def test_no_name_is_both_of_the_law_and_ignored():
     assert not set(PARAMETERS) & set(IGNORED)
     assert set(IGNORED) >= DOUBLES
+
+
+def test_a_least_look_ahead_above_the_largest_is_not_written():
+    text = path("courier").read_text()
+    with pytest.raises(InputError, match="min_lookahead_dist = 2"):
+        nav2.write(
+            text, {"min_lookahead_dist": 2.0, "max_lookahead_dist": 1.0, "use_velocity_scaled_lookahead_dist": True}
+        )

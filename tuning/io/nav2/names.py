@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
-from agvjax import NONNEGATIVE, POSITIVE, Rule
+from agvjax import NONNEGATIVE, POSITIVE, RegulatedPurePursuit, Rule
 
 PLUGIN = r"nav2_regulated_pure_pursuit_controller(::|/)RegulatedPurePursuitController"
 SHIM = r"nav2_rotation_shim_controller(::|/)RotationShimController"
@@ -18,18 +19,16 @@ class Parameter(NamedTuple):
     rule: Rule | None = None
 
 
-PARAMETERS = {
-    "desired_linear_vel": Parameter(0.5, "m/s", POSITIVE),
-    "lookahead_dist": Parameter(0.6, "m", POSITIVE),
-    "min_lookahead_dist": Parameter(0.3, "m", POSITIVE),
-    "max_lookahead_dist": Parameter(0.9, "m", POSITIVE),
-    "lookahead_time": Parameter(1.5, "s", NONNEGATIVE),
-    "use_velocity_scaled_lookahead_dist": Parameter(False),
-    "min_approach_linear_velocity": Parameter(0.05, "m/s", NONNEGATIVE),
-    "approach_velocity_scaling_dist": Parameter(0.6, "m", NONNEGATIVE),
-    "use_regulated_linear_velocity_scaling": Parameter(True),
-    "regulated_linear_scaling_min_radius": Parameter(0.9, "m", NONNEGATIVE),
-    "regulated_linear_scaling_min_speed": Parameter(0.25, "m/s", NONNEGATIVE),
+def _of_law() -> dict[str, Parameter]:
+    """Those that the law has, which are written down there."""
+    law = RegulatedPurePursuit()
+    told = {f.name: f.metadata for f in dataclasses.fields(law) if f.name not in OURS}
+    return {name: Parameter(vars(law)[name], of.get("unit", ""), of.get("rule")) for name, of in told.items()}
+
+
+OURS = {"max_angular_velocity"}  # of the law's fields, one that Nav2's controller does not have
+SIMULATED = _of_law()
+NOT_SIMULATED = {  # manoeuvres that the law does not have
     "use_fixed_curvature_lookahead": Parameter(False),
     "curvature_lookahead_dist": Parameter(0.6, "m", POSITIVE),
     "use_rotate_to_heading": Parameter(True),
@@ -38,6 +37,7 @@ PARAMETERS = {
     "max_angular_accel": Parameter(3.2, "rad/s^2", POSITIVE),
     "allow_reversing": Parameter(False),
 }
+PARAMETERS = SIMULATED | NOT_SIMULATED
 NEWER = {"max_linear_vel": "desired_linear_vel"}  # names from Lyrical on, which reads the older one too
 FREQUENCY = Parameter(20.0, "Hz", POSITIVE)  # controller_frequency, of the server
 

@@ -17,7 +17,7 @@ from agvjax import Fault, InputError
 from .. import files
 from ..yaml_text import Document, parse, plain
 from .names import FREQUENCY, PARAMETERS
-from .rules import malformed, untold, wrong
+from .rules import crossed, malformed, untold, wrong
 from .section import KEY, found_in, frequency_of, ignored, remarks, section_of, spelled
 from .splice import spliced
 
@@ -85,7 +85,8 @@ def write(source_text: str, tuned: Mapping[str, float | bool], controller: str |
         controller: as in `read`.
 
     Raises:
-        agvjax.InputError: a name or a value that cannot be written, or one that would change another controller too.
+        agvjax.InputError: a name or a value that cannot be written, or one that would change another controller too; a
+            least look-ahead above the largest.
     """
     document = _document(source_text, GIVEN)
     section = section_of(document, controller, GIVEN)
@@ -94,7 +95,11 @@ def write(source_text: str, tuned: Mapping[str, float | bool], controller: str |
         raise InputError(faults)
     names = {law: name for name, law in spelled(found).items()}
     wanted = {names.get(law, law): tuned[law] for law in PARAMETERS if law in tuned}
-    return spliced(document, section.plugin, found, wanted, section.name)
+    text = spliced(document, section.plugin, found, wanted, section.name)
+    again = _document(text, GIVEN)
+    if faults := crossed(section, found_in(again, section_of(again, controller, GIVEN)), GIVEN):
+        raise InputError(faults)
+    return text
 
 
 def diff(before: str, after: str, name: str = "nav2_params.yaml") -> str:

@@ -25,7 +25,7 @@ def wrong(
     if frequency is not None:
         node = "/".join(placed(frequency)[0])
         faults += _of_value(f"{node}.controller_frequency", frequency, FREQUENCY, file)
-    return list(dict.fromkeys(faults)) or _crossed(section, found, file)
+    return list(dict.fromkeys(faults)) or crossed(section, found, file)
 
 
 def malformed(document: Document, section: Section, found: Mapping[str, Leaf], file: str) -> list[Fault]:
@@ -75,7 +75,7 @@ def _of_value(key: str, leaf: Leaf, parameter: Parameter, file: str) -> list[Fau
     )
 
 
-def _crossed(section: Section, found: Mapping[str, Leaf], file: str) -> list[Fault]:
+def crossed(section: Section, found: Mapping[str, Leaf], file: str) -> list[Fault]:
     """Limits of the look-ahead that lie the wrong way round, where it is scaled by speed."""
     low, high, scaled = (
         plain(found[name].node) if name in found else PARAMETERS[name].default
