@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 import agvjax
 from agvjax.draw import plot
@@ -17,6 +17,7 @@ from .analysis import Findings, Standing
 from .methods.objective import FEASIBLE
 from .rounds import COLUMNS, Run
 
+LETTERS = 95  # that fit beside each other below a panel, with 6 for each line
 COLOURS = 10  # that lines have before they repeat
 
 
@@ -62,7 +63,10 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
         part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         part.yaxis.set_minor_formatter(NullFormatter())
-    gain.legend(fontsize=8, ncols=min(len(drawn), 7), loc="upper center", bbox_to_anchor=(0.5, -0.2))
+    gain.xaxis.set_major_locator(MaxNLocator(integer=True))
+    longest = max((len(names[k]) for k in drawn), default=1)
+    columns = max(1, min(7, LETTERS // (longest + 6)))  # a row that were wider than the figure would narrow the panels
+    gain.legend(fontsize=8, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return plot.complete(figure)
 
 
@@ -96,7 +100,7 @@ def sensitivity_figure(findings: Findings) -> Figure:
     turned = {"rotation": 30, "ha": "right"} if max(map(len, names)) > 8 else {}
     axes.set_xticks(range(len(names)), names, fontsize=9, **turned)
     axes.set_yticks(range(len(rows)), [_label(s) for s in rows], fontsize=9)
-    axes.set_title("relative change of a requirement per relative change of a gain", fontsize=9)
+    figure.suptitle("relative change of a requirement\nper relative change of a gain", fontsize=9)
     return figure
 
 

@@ -31,6 +31,12 @@ CONDITIONS = """
 deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction.
 """
 
+TIMED = """total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
+4 s, past the start; effort the same of the commands before the deadzone."""
+ROUTED = """cross_track is the RMS distance to the nearest point of the route, late after
+4 s, past the start, and peak the largest; pace the time for each metre; total_chatter
+the sum of the total variations of speed and yaw rate that are asked for."""
+
 
 def conclusion(verdict: TuneVerdict) -> str:
     """The verdict: a sentence, and a line for whatever a careful reader should know."""
@@ -42,6 +48,8 @@ def subject(config: Any) -> str:
     """What was tuned, in a line."""
     law, scenario = config.controller, config.scenario
     names = [type(part).__name__ for part in (law, scenario.plant, scenario.path)]
+    if isinstance(law, agvjax.Sampled):
+        names[0] = f"{type(law.inner).__name__} in a computer, every {float(law.period):g} s,"
     size, unseen = config.ensemble.size, config.ensemble.validation_size
     return (
         f"{names[0]} for the plant {names[1]} on the path {names[2]}, {config.simulate.horizon:g} s;"
@@ -98,9 +106,8 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 {tables.comparison(before["tuning"], after["tuning"], names)}
 
-total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
-4 s, past the start; effort the same of the commands before the deadzone; mean and worst
-are over the runs that did not diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+{ROUTED if config.controller.follows() else TIMED} Mean and worst are over the runs that did not
+diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 {_path(config)}
 ## What each requirement hangs on
 
