@@ -1,5 +1,7 @@
 """The speed over a route: the largest within its limits, against a linear programme, and by hand."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,6 +79,62 @@ def test_limits_so_low_that_a_whole_lap_is_not_enough_are_kept_round_the_lap():
     squares = profile.around(given, np.zeros(22), 1.0, SpeedLimits(acceleration=0.01, deceleration=0.02))
     k = np.arange(22)
     np.testing.assert_allclose(squares, 0.25 + np.minimum(0.02 * k, 0.04 * (21 - k)), atol=1e-12)
+
+
+# --------------------------------------------------------------------------------------------------------------- jerk
+
+
+def motion(squares, h, closed=False):
+    """Duration, accelerations, and jerks between the middles of pieces; from rest and to it too."""
+    root = np.sqrt(squares)
+    duration, acceleration = 2 * h / (root[1:] + root[:-1]), np.diff(squares) / (2 * h)
+    if closed:
+        step, between = acceleration - np.roll(acceleration, 1), (duration + np.roll(duration, 1)) / 2
+    else:
+        step, between = np.diff(acceleration), (duration[1:] + duration[:-1]) / 2
+    jerk = step / between
+    if squares[0] == 0 and not closed:
+        jerk = np.r_[acceleration[0] / (duration[0] / 2), jerk, -acceleration[-1] / (duration[-1] / 2)]
+    return duration.sum(), acceleration, jerk
+
+
+# length [m], top speed [m/s], acceleration [m/s^2], jerk [m/s^3], and the least time from rest to rest [s] (Biagiotti
+# and Melchiorri 2008, 3.4): L/v + v/a + a/j where top speed and acceleration are reached; 2 sqrt(v/j) + L/v where the
+# speed is and the acceleration is not; 4 cbrt(L/2j) where neither is.
+STRAIGHTS = {
+    "all reached": (10.0, 1.0, 0.5, 1.0, 10 + 2 + 0.5),
+    "acceleration never reached": (10.0, 1.0, 2.0, 0.5, 10 + 2 * np.sqrt(2)),
+    "only jerk": (2.0, 9.0, 9.0, 0.5, 4 * np.cbrt(2.0)),
+}
+
+
+@pytest.mark.parametrize("n", [200, 1500, 6000])
+@pytest.mark.parametrize(("length", "speed", "acceleration", "jerk", "least"), STRAIGHTS.values(), ids=STRAIGHTS)
+def test_a_straight_is_driven_in_the_time_of_a_double_s(length, speed, acceleration, jerk, least, n):
+    limits = SpeedLimits(speed=speed, acceleration=acceleration, deceleration=acceleration, jerk=jerk)
+    squares = profile.squares(np.full(n, 20.0), np.zeros(n), length / (n - 1), limits, (True, True))
+    time, rates, jerks = motion(squares, length / (n - 1))
+    assert least * 0.995 < time < least * 1.02
+    assert np.abs(rates).max() <= acceleration * (1 + 1e-6)
+    if n <= profile.MOST:
+        assert np.abs(jerks).max() <= jerk * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("limits", [*LIMITS.values()], ids=LIMITS)
+def test_jerk_is_limited_below_what_the_other_limits_leave(limits, closed):
+    h, (given, curvature) = 0.11, drawn()
+    soft = dataclasses.replace(limits, jerk=0.6)
+    if closed:
+        given, curvature = (np.r_[x, x[:1]] for x in (given, curvature))
+        top, found = (profile.around(given, curvature, h, x) for x in (limits, soft))
+    else:
+        top, found = (profile.squares(given, curvature, h, x, (True, True)) for x in (limits, soft))
+    assert np.all(found <= top + 1e-9)
+    time, rates, jerks = motion(found, h, closed)
+    assert np.abs(jerks).max() <= 0.6 * (1 + 1e-6)
+    assert rates.max() <= limits.acceleration * (1 + 1e-6) and -rates.min() <= limits.deceleration * (1 + 1e-6)
+    assert np.abs(motion(top, h, closed)[2]).max() > 0.6 and time < np.inf
 
 
 # ------------------------------------------------------------------------------------------------------------- routes
