@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -133,7 +134,7 @@ def solve(
     problem = with_added(problem, run.added) if run.added else problem
     before = None
     while True:
-        run, metrics = _held(problem, run, each)
+        run, metrics = _held(problem, run, each, looking)
         reason, stopped = _hindrance(run.lead), ""
         if reason and before is not None:
             said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
@@ -158,14 +159,16 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
     return run._replace(screened=seen, searches=searches)
 
 
-def _held(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> tuple[Run, Any]:
+def _held(
+    problem: TuningProblem, run: Run, each: Callable[[Run], None], looking: Callable[[int, int], None]
+) -> tuple[Run, Any]:
     """The run with all searches finished, and its metrics at the finer step.
 
     Where limits are met at the step of tuning and not there, bounds are tightened and the search goes on from its best.
     """
     while True:
         tight = tightened(problem, run.factors)
-        run = _searched(tight, run, each)
+        run = _searched(tight, run, each, looking)
         if _hindrance(run.lead):
             return run, None
         metrics = before_and_after(problem, tight.tuner.best(run.lead))
@@ -179,18 +182,22 @@ def _held(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> tupl
         run = run._replace(searches=(*old, begun), tightened=rows)
 
 
-def _searched(problem: TuningProblem, run: Run, each: Callable[[Run], None]) -> Run:
+def _searched(
+    problem: TuningProblem, run: Run, each: Callable[[Run], None], looking: Callable[[int, int], None]
+) -> Run:
     """The run with all searches finished.
 
-    Where the first gain little or nothing, with others from further places; then with further gains let go.
+    Where the first gain little or nothing, with others from further places; then with further gains let go. In later
+    rounds a search gains little because it begins at tuned gains: others follow only where it came to nothing.
     """
     while True:
         while not all(problem.tuner.finished(p) for p in run.searches):
             run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
             each(run)
-        stuck = _hindrance(run.lead) or (problem.tuner.method.jacobian and _gained(run.lead) < LITTLE)
-        first = run.round == 0 and not run.turns and run.tightened is None
-        further = _elsewhere(problem, run) if stuck and first else None
+        stuck = _hindrance(run.lead)
+        if run.round == 0 and not run.turns and problem.tuner.method.jacobian and _gained(run.lead) < LITTLE:
+            stuck = "it gained little"
+        further = _elsewhere(problem, run, looking) if stuck and run.tightened is None else None
         further = _let_go(problem, run) if further is None else further
         if further is None:
             return run
@@ -221,12 +228,20 @@ def _gained(lead: Progress) -> float:
     return 1 - float(np.nanmin(costs)) / costs[0]
 
 
-def _elsewhere(problem: TuningProblem, run: Run) -> Run | None:
-    """The run with a search from the next place of the screening; None where no other is worth it."""
+def _elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], None]) -> Run | None:
+    """The run with a search from the next place of the screening; None where no other is worth it.
+
+    After the first round the places are those of another look, about the gains that the round began with.
+    """
+    if run.round and len(run.searches) == 1 and run.screened is not None and problem.screen is not None:
+        screen, count = dataclasses.replace(problem.screen, tuner=problem.tuner), len(next(iter(run.added.values())))
+        seen = screen.look(looking, np.asarray(run.searches[0].sound_z), count)
+        run = run._replace(screened=seen.after(run.screened))
     places = run.screened.apart(PLACES) if run.screened is not None else []
-    if len(places) <= len(run.searches):
+    done = len(run.searches) - bool(run.round)  # the first search of a later round is at a place of its own
+    if len(places) <= done:
         return None
-    return run._replace(searches=(*run.searches, problem.tuner.begin(places[len(run.searches)], problem.moving)))
+    return run._replace(searches=(*run.searches, problem.tuner.begin(places[done], run.moving)))
 
 
 def _let_go(problem: TuningProblem, run: Run) -> Run | None:

@@ -27,6 +27,7 @@ SHARE = 4  # one set in so many stays, and is given so many times the scenarios
 KEPT = 16  # sets, at least, that are given the whole ensemble
 LANES = 1024  # runs at a time, so that one compilation serves any number
 REACHES = (1, 3, 6)  # a third of the sets each, as powers of `tune.spread`: 3, 27 and 729 times, either way
+NEARER = (0.1, 0.3, 1)  # the same about gains that were tuned already
 APART = 0.7  # between places to begin at, in the coordinates: one gain about twice as large
 
 
@@ -45,6 +46,11 @@ class Screened(NamedTuple):
     looked: int  # gain sets in all
     lost: int  # those of which every run diverged
     rollouts: int  # of the whole ensemble, rounded up
+
+    def after(self, first: Screened) -> Screened:
+        """This look, with the price of the looks before it and the unit of the first."""
+        looked, lost, rollouts = self.looked + first.looked, self.lost + first.lost, self.rollouts + first.rollouts
+        return self._replace(unit=first.unit, looked=looked, lost=lost, rollouts=rollouts)
 
     def apart(self, count: int) -> np.ndarray:
         """The best places that lie apart, at least one and at most so many, (S, K)."""
@@ -74,44 +80,57 @@ class Screen:
     compiled: Callable[..., tuple[Array, Array]] | None = None
     moved: tuple[str, ...] | None = None
 
-    def points(self) -> np.ndarray:
-        """The gain sets (N, K): the configured gains, then Sobol points about them, near and far by turns."""
+    def points(self, about: np.ndarray | None = None) -> np.ndarray:
+        """The gain sets (N, K): the configured gains, then Sobol points about them, near and far by turns.
+
+        With tuned gains `about` (K,): the configured ones, these, and points about these, nearer.
+        """
         count, spread = self.tuner.settings.screen, self.tuner.settings.spread
         middle = np.asarray(self.tuner.gains.coordinates(self.tuner.controller))
+        reaches, begin = (REACHES, middle[None]) if about is None else (NEARER, np.stack([middle, about]))
         names, sides = self.tuner.gains.names, np.zeros((count, middle.size))
         moves = [i for i, name in enumerate(names) if self.moved is None or name in self.moved]
         sides[:, moves] = 2 * sobol(count, len(moves), self.seed) - 1
-        reach = np.log(spread) * np.array(REACHES)[np.arange(count) % len(REACHES)]
-        return np.vstack([middle, middle + reach[:, None] * sides])
+        reach = np.log(spread) * np.array(reaches)[np.arange(count) % len(reaches)]
+        return np.vstack([begin, begin[-1] + reach[:, None] * sides])
 
     def example(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Arguments of the right shapes for `compiled`."""
         zeros = np.zeros(LANES, int)
         return self.points()[zeros], {name: x[zeros] for name, x in self.tuner.scenarios().items()}
 
-    def look(self, tick: Callable[[int, int], None] = lambda runs, sets: None) -> Screened:
+    def look(
+        self,
+        tick: Callable[[int, int], None] = lambda runs, sets: None,
+        about: np.ndarray | None = None,
+        added: int = 0,
+    ) -> Screened:
         """Look at them all.
 
         Args:
             tick: told after every bundle how many runs it held, and how many gain sets are still looked at.
+            about: gains (K,) to look about; None: the configured ones.
+            added: scenarios beyond those of the ensemble, which every set is given first; no mean counts them.
 
         Raises:
             RuntimeError: every run of every set diverges, or what goals or limits are multiples of is 0.
         """
-        points, few = self.points(), min(FEW, self.size)
-        values, ok = self._runs(points, range(few), tick)
+        points, few = self.points(about), min(FEW, self.size)
+        scenarios = np.r_[self.size + np.arange(added), np.arange(self.size)]
+        weights = np.r_[np.zeros(added), np.ones(self.size)] if added else None
+        values, ok = self._runs(points, scenarios[: added + few], tick)
         runs, lost = ok.size, int(np.sum(~ok.any(axis=1)))
         unit = 0 if ok[0].any() else _soundest(self.tuner.objective, values, ok)
         kept, place = np.arange(len(points)), unit  # sets still looked at, and which of them is the unit
         while True:
-            excess, goal = self._ranks(values, ok, place)
+            excess, goal = self._ranks(values, ok, place, None if weights is None else weights[: added + few])
             order = np.lexsort((goal, excess))
             if few == self.size:
                 break
             stay = np.unique(np.r_[0, place, order[: max(KEPT, len(kept) // SHARE)]])
-            more = range(few, min(SHARE * few, self.size))
-            kept, place, few = kept[stay], int(np.searchsorted(stay, place)), more.stop
-            further = self._runs(points[kept], more, tick)
+            old, few = few, min(SHARE * few, self.size)
+            kept, place = kept[stay], int(np.searchsorted(stay, place))
+            further = self._runs(points[kept], scenarios[added + old : added + few], tick)
             runs += further[1].size
             values, ok = (
                 np.concatenate([old[stay], new], axis=-1) for old, new in zip((values, ok), further, strict=True)
@@ -120,7 +139,7 @@ class Screen:
         return Screened(points[kept[order]], ranks, points[unit], len(points), lost, -(-runs // self.size))
 
     def _runs(
-        self, points: np.ndarray, which: range, tick: Callable[[int, int], None]
+        self, points: np.ndarray, which: np.ndarray, tick: Callable[[int, int], None]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Metrics (N, M, B) and ok (N, B) of every set in some scenarios of the ensemble."""
         roll, scenarios = self.compiled or self.tuner.roll, self.tuner.scenarios()
@@ -136,9 +155,11 @@ class Screen:
         table = np.concatenate(values, axis=1).reshape(-1, len(points), len(which))
         return table.transpose(1, 0, 2), np.concatenate(ok).reshape(len(points), len(which))
 
-    def _ranks(self, values: np.ndarray, ok: np.ndarray, unit: int) -> tuple[np.ndarray, np.ndarray]:
+    def _ranks(
+        self, values: np.ndarray, ok: np.ndarray, unit: int, weights: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Sums of excesses (N,) and goals (N,), in multiples of those of one set in the same scenarios."""
-        objective, budget = self.tuner.objective._replace(weights=None), self.tuner.budget
+        objective, budget = self.tuner.objective._replace(weights=weights), self.tuner.budget
         baseline = objective.baseline(jnp.asarray(values[unit]), jnp.asarray(ok[unit])) if budget is None else budget
         score = jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
         excess, goal = objective.ranks(score(jnp.asarray(values), jnp.asarray(ok)))

@@ -7,33 +7,11 @@ import pytest
 import agvjax
 import reference_bases
 from agvjax import Ackermann, Base, Chain, Cosine, Deadzone, Delay, Scenario, TwistBase
+from laws import PERIOD, Sent, recorded
 from reference_bases import ByTwist, Motor, Steered, TwoWheels
 
-PERIOD, DT, STEPS = 0.05, 5e-4, 5000
+DT, STEPS = 5e-4, 5000
 START = np.array([0.3, -0.2, 0.7])
-
-
-@agvjax.pytree
-class Sent(agvjax.Law):
-    """A twist after the other, held for 50 ms each."""
-
-    twists: np.ndarray
-
-    def init(self, measurement, reference):
-        return jnp.zeros_like(measurement.heading)
-
-    def law(self, flow, memory, measurement, reference):
-        twists = jnp.asarray(self.twists)
-        index = jnp.clip(jnp.floor((flow + 1e-6) / PERIOD).astype(int), 0, len(twists) - 1)
-        twist = twists[index]
-        return agvjax.Command(position=twist, heading=jnp.zeros_like(flow), twist=twist), jnp.ones_like(flow)
-
-
-def recorded(seed=0, turn=1.5):
-    """Half a hundred twists: a slow walk, jumps, standing still, backwards, less than the deadzone."""
-    random = np.random.default_rng(seed)
-    v = np.r_[np.full(10, 0.8), random.uniform(-0.2, 0.9, 16), np.full(4, 0.03), np.full(4, 0.0), np.full(16, -0.5)]
-    return np.column_stack([v, random.uniform(-turn, turn, 50) * np.r_[np.ones(10) / 3, np.ones(40)]])
 
 
 def scenario(plant, motors, disturbance=None):

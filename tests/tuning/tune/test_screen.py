@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+import agvjax
 from agvjax import NeuroBackstepping, Scenario, Timing
 from laws import Proportional
 from tuning import (
@@ -126,6 +127,32 @@ def test_places_to_begin_at_lie_apart():
     gaps = np.abs(places[:, None] - places[None]).max(axis=2)[np.triu_indices(len(places), 1)]
     assert 2 <= len(places) <= 3 and np.all(gaps > np.log(2))
     assert all(np.min(np.abs(places - valley).max(axis=1)) < 1.0 for valley in two)
+
+
+def test_a_look_about_tuned_gains_gives_what_was_added_to_every_set_first_and_counts_it_in_no_mean():
+    """The added scenario is lost wherever k1 is larger than a half of what was tuned, and its error is enormous."""
+    tuned = np.log([40.0, 6.0])
+    screen, asked = far_from(None)
+    size, amplitudes = SIZE + 1, np.r_[np.linspace(0, 1, SIZE), 7.0]
+    batch = agvjax.batch(Scenario(), {"disturbance.amplitude": amplitudes})
+    objective = OBJECTIVE._replace(weights=np.r_[np.ones(SIZE), 0.0])
+    tuner = dataclasses.replace(screen.tuner, batch=batch, objective=objective)
+    told = []
+
+    def runs(z, scenarios):
+        amplitude = np.asarray(scenarios["disturbance.amplitude"])
+        told.append(np.sum(amplitude == 7.0))
+        error = np.sum((z - tuned) ** 2, axis=1) + np.where(amplitude == 7.0, 1e6, 1.0)
+        return np.stack([error, np.ones(len(z))]), (amplitude != 7.0) | (z[:, 0] < tuned[0] - np.log(2))
+
+    seen = dataclasses.replace(screen, tuner=tuner, compiled=runs).look(about=tuned, added=size - SIZE)
+    assert sum(told) >= 513  # every set has met it
+    np.testing.assert_allclose(seen.places[0, 0], tuned[0] - np.log(2), atol=0.3)
+    assert seen.places[0, 0] < tuned[0] - np.log(2) and abs(seen.places[0, 1] - tuned[1]) < 0.5
+    # 1 and the distance, over the same at the configured gains, which have no part in the added one's million
+    middle = np.log([20.0, 12.0])
+    worth = (1 + np.sum((seen.places[0] - tuned) ** 2)) / (1 + np.sum((middle - tuned) ** 2))
+    assert seen.ranks[0].tolist() == pytest.approx([0.0, worth])
 
 
 # ------------------------------------------------------------------------------------------------- a whole tuning

@@ -12,6 +12,7 @@ mujoco = pytest.importorskip("mujoco")
 
 import agvjax  # noqa: E402
 from agvjax.plants import RollingState  # noqa: E402
+from laws import PERIOD, Sent, recorded  # noqa: E402
 from tuning.studies.vehicles.robot import Robot  # noqa: E402
 
 L = 0.15  # m
@@ -227,3 +228,66 @@ def test_without_mujoco_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ImportError, match=r"pip install 'agvjax\[vehicles\]'"):
         Robot()
+
+
+# ----------------------------------------------------------------------------------------------- sent wheel speeds
+
+
+class Motors:
+    """Controllers of the robot's two wheels: a deadzone, a delay, a set point that lags and ramps, a loop of 20 ms."""
+
+    def __init__(self, robot, zones, delay, lag, ramp):
+        self.robot, self.zones, self.lag, self.ramp = robot, zones, lag, ramp
+        self.sent = [(0.0, 0.0)] * round(delay / robot.timestep)
+        self.set_point, self.integral = np.zeros(2), np.zeros(2)
+
+    def step(self, wheels):
+        """Wheel speeds [m/s] sent for one step of the physics."""
+        robot, h = self.robot, self.robot.timestep
+        self.sent.append(wheels)
+        asked = np.array([zone(float(c)) for zone, c in zip(self.zones, self.sent.pop(0), strict=True)])
+        self.set_point = self.set_point + h * np.clip((asked - self.set_point) / self.lag, -self.ramp, self.ramp)
+        _, velocity, heading, w = robot.pose()
+        turn = w * robot.track / 2
+        error = self.set_point - (velocity @ [np.cos(heading), np.sin(heading)] + np.array([-turn, turn]))
+        push = robot.effective_mass / 2 * robot.wheel_radius / 0.02 * error  # a time constant of 20 ms
+        self.integral = self.integral + push * h / 0.1
+        robot.step(*(push + self.integral))
+
+
+def dead(slope_right, slope_left, right, left):
+    """Eq. (11) of one wheel."""
+    return lambda c: slope_right * max(c - right, 0.0) + slope_left * min(c + left, 0.0)
+
+
+@pytest.mark.parametrize("turn", [0.5, 1.5])
+@pytest.mark.parametrize(("lag", "ramp"), [(0.15, 1.0), (0.08, 0.6)])
+def test_a_base_is_what_a_robot_with_speed_loops_is(lag, ramp, turn):
+    """Within 5 mm and 10 mrad after 3.7 m and up to 3 rad of turning: what speed loops and rolling lose."""
+    numbers = {"left": (0.95, 0.9, 0.06, 0.04), "right": (1.0, 0.85, 0.03, 0.09)}
+    robot = Robot(L=1e-9)  # seen at its axle
+    robot.reset((0.0, 0.0), (0.0, 0.0), 0.0)
+    motors = Motors(robot, [dead(*n) for n in numbers.values()], 0.08, lag, ramp)
+    twists = np.repeat(recorded(turn=turn), 4, axis=0)
+    poses = []
+    for k in range(10_000):
+        if k % 50 == 0:
+            position, _, heading, _ = robot.pose()
+            poses.append((*position, heading))
+        v, w = twists[k // round(PERIOD / robot.timestep)]
+        motors.step((v - w * robot.track / 2, v + w * robot.track / 2))
+    scenario = agvjax.Scenario(
+        plant=agvjax.Base(track=robot.track, time_constant=lag, acceleration=ramp),
+        deadzone={
+            name: agvjax.Deadzone(slope_right=a, slope_left=b, threshold_right=c, threshold_left=d)
+            for name, (a, b, c, d) in numbers.items()
+        },
+        actuators={name: agvjax.Chain(delay=agvjax.Delay(time=0.08, slots=4)) for name in numbers},
+        disturbance=agvjax.NoDisturbance(),
+        start=agvjax.Start(position=np.zeros(2), heading=0.0),
+    )
+    run = agvjax.simulate(Sent(twists=twists), scenario, dt=1e-3, n_steps=9950, save_every=50)
+    poses, position = np.array(poses), np.asarray(run.position)
+    assert np.abs(np.diff(position, axis=0)).sum() > 3 and np.ptp(poses[:, 2]) > 0.3
+    assert np.linalg.norm(position - poses[:, :2], axis=1).max() < 5e-3
+    assert np.abs(np.asarray(run.heading) - poses[:, 2]).max() < 0.01
