@@ -7,6 +7,7 @@ over all samples.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
@@ -68,11 +69,12 @@ class Criteria(Meter):
     delivered: bool = structure(False)  # also what the actuators delivered
 
     @classmethod
-    def of(cls, names: Iterable[str], sloped: bool = False) -> Criteria:
-        """How runs must be judged to have these metrics, and if so asked slopes of all of them."""
+    def of(cls, names: Iterable[str], sloped: bool = False, like: Criteria | None = None) -> Criteria:
+        """How runs must be judged to have these metrics, and if so asked slopes of all of them; else `like` others."""
         names = tuple(names)
         smooth = sloped and any("settling_time" in name for name in names)
-        return cls(smooth=smooth, delivered=any(METRICS[name].delivered for name in names))
+        delivered = any(METRICS[name].delivered for name in names)
+        return dataclasses.replace(cls() if like is None else like, smooth=smooth, delivered=delivered)
 
     def weights(self, t: Array, left: Array, right: Array, end: Array) -> tuple[Array, Array]:
         """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     warn(console, config, "simulate")
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
-    of_metrics = numbers(agvjax.measure(trajectory, agvjax.Criteria(delivered=True)), config.scenario)
+    of_metrics = numbers(agvjax.measure(trajectory, config.judged(delivered=True)), config.scenario)
     files.write_npz(out / "trajectory.npz", arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
     for text in write_figures(out, _drawings(trajectory, config.scenario)):

@@ -46,7 +46,8 @@ def complete(config: Config) -> Config:
         with contextlib.suppress(ValueError):  # what is wrong with it, the rules say
             tied = correlated(ensemble.draws, ensemble.correlation)
             ensemble = dataclasses.replace(ensemble, draws=tied)
-    goals, limits = default_goals(known, config.simulate.horizon, follows), default_limits(known, follows)
+    goals = default_goals(known, config.simulate.horizon, follows, config.criteria.late)
+    limits = default_limits(known, follows)
     tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), goals=goals, limits=limits)
     wanted = FOLLOWED_METRICS if follows else SWEPT_METRICS
     metrics = tuple(name for name in wanted if name in known)
@@ -56,7 +57,7 @@ def complete(config: Config) -> Config:
 
 def by_whole_error(config: Config) -> Config:
     """A completed configuration, its goal that of `paper-goal` where it is the default one: studies compare by it."""
-    usual = default_goals(metrics_of(config.scenario), config.simulate.horizon)
+    usual = default_goals(metrics_of(config.scenario), config.simulate.horizon, late=config.criteria.late)
     if config.tune.goals != usual:
         return config
     return dataclasses.replace(config, tune=dataclasses.replace(config.tune, goals=dict(WHOLE_ERROR)))

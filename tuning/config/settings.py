@@ -61,6 +61,15 @@ class Simulate:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Criteria:
+    """How runs are judged: when an error has settled, and from when on it is a late one; see `agvjax.Criteria`."""
+
+    band: float = number(0.05, "m, m, rad", POSITIVE, "reading R10")
+    late: float = number(4.0, "s", NONNEGATIVE, "past the transient")
+    margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Ensemble:
     """The scenarios to tune on and to validate on."""
 
@@ -94,16 +103,17 @@ WHOLE_ERROR = {"total_rmse": Weights(mean=1.0, worst=0.3)}  # the goal of the pr
 
 
 def default_goals(
-    known: Collection[str] = METRICS, horizon: object = np.inf, follows: bool = False
+    known: Collection[str] = METRICS, horizon: object = np.inf, follows: bool = False, late: float = 4.0
 ) -> dict[str, Weights]:
     """The error of the whole run, which is that of its start, and of each channel what is left after the start.
 
     A late error weighs a fortieth: little enough that the whole error hardly suffers, enough that no late error of the
-    paper's law rises (docs/tuning.md has what other weights do). Runs shorter than twice the start have none.
+    paper's law rises (docs/tuning.md has what other weights do). Runs shorter than twice the start, which is over at
+    `late` [s], have none.
 
     A law that `follows` a route is to lie on it: its goal is the distance to it once the start is over.
     """
-    long = isinstance(horizon, (int, float)) and horizon >= 2 * float(agvjax.Criteria().late)
+    long = isinstance(horizon, (int, float)) and horizon >= 2 * late
     if follows:
         return {"cross_track_late" if long else "cross_track": Weights(mean=1.0, worst=0.3)}
     goals = dict(WHOLE_ERROR)
@@ -236,11 +246,16 @@ class Config:
     controller: Law = agvjax.NeuroBackstepping()
     scenario: agvjax.Scenario = dataclasses.field(default_factory=agvjax.Scenario)
     simulate: Simulate = Simulate()
+    criteria: Criteria = Criteria()
     ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
     tune: Tune = dataclasses.field(default_factory=Tune)
     pareto: Pareto = Pareto()
     sweep: Sweep = Sweep()
     identify: Identify = dataclasses.field(default_factory=Identify)
+
+    def judged(self, **more: bool) -> agvjax.Criteria:
+        """How runs are judged; `more` as in `agvjax.Criteria`."""
+        return agvjax.Criteria(**vars(self.criteria), **more)
 
     def timing(self, command: str = "simulate") -> agvjax.Timing:
         """How the runs of a command are stepped: "simulate", "tune" or "sweep".

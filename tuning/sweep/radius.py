@@ -94,7 +94,7 @@ def adversary(config: Config, plan: Design, bounds: Mapping[str, float]) -> Adve
         metrics = agvjax.evaluate(
             law,
             agvjax.batch(plan.scenario, leaves),
-            criteria=agvjax.Criteria.of(bounds),
+            criteria=agvjax.Criteria.of(bounds, like=config.judged()),
             block=BLOCK,
             **config.timing("sweep"),
         )

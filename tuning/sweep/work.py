@@ -98,7 +98,7 @@ def judges(config: Config, plan: Design, laws: Sequence[Law], size: int) -> list
     def judge(law: Law, law_values: Leaves, scenario_values: Leaves) -> dict[str, Array]:
         controller = agvjax.batch(law, law_values) if law_values else law
         batch = agvjax.batch(plan.scenario, scenario_values) if scenario_values else plan.scenario
-        criteria = agvjax.Criteria.of(recorded(config))
+        criteria = agvjax.Criteria.of(recorded(config), like=config.judged())
         metrics = agvjax.evaluate(controller, batch, criteria=criteria, **config.timing("sweep"))
         return {"ok": metrics.ok, **{name: metrics[name] for name in recorded(config)}}
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
@@ -58,16 +59,21 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     cost.legend(fontsize=8)
     norm.set(ylabel="gradient norm")
     gain.set(ylabel="gain / starting gain", xlabel="iteration")
+    _readable(norm, gain, [names[k] for k in drawn])
+    return plot.complete(figure)
+
+
+def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
+    """Plain numbers on both, and below the gains their names in columns."""
     for part in (norm, gain):  # plain numbers, those between powers of ten where there is room
         low, top = part.get_ylim()
         part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         part.yaxis.set_minor_formatter(NullFormatter())
     gain.xaxis.set_major_locator(MaxNLocator(integer=True))
-    longest = max((len(names[k]) for k in drawn), default=1)
+    longest = max(map(len, names), default=1)
     columns = max(1, min(7, LETTERS // (longest + 6)))  # a row that were wider than the figure would narrow the panels
     gain.legend(fontsize=8, ncols=columns, loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    return plot.complete(figure)
 
 
 def _drawn(gains: np.ndarray, start: np.ndarray) -> list[int]:

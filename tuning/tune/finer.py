@@ -26,7 +26,7 @@ TURNS = 3  # times that bounds are tightened, at most
 
 def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
     """Metrics at the step of `simulate`, which is finer than that of tuning."""
-    criteria = agvjax.Criteria(smooth=True, delivered=True)
+    criteria = config.judged(smooth=True, delivered=True)
     evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **config.timing())
     return jax.tree.map(np.asarray, distributed.gathered(evaluate)(agvjax.check(controller), batch))
 

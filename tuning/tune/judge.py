@@ -79,9 +79,9 @@ def judge(outcome: Outcome) -> TuneVerdict:
     searched = tightened(problem, outcome.run.factors).tuner
     findings, over = analysis.analyse(searched, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
     conflict = _conflict(outcome, findings) if over else []
-    criteria, budget = agvjax.Criteria(), problem.tuner.budget
-    long = config.simulate.horizon > float(criteria.late)
-    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, float(criteria.band), long)
+    criteria, budget = config.criteria, problem.tuner.budget
+    long = config.simulate.horizon > criteria.late
+    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long)
     cautions += caveats.worst_case(objective, outcome.found, baseline)
     cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)
     if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):

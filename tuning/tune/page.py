@@ -32,9 +32,9 @@ deadzone slopes that the ensemble can draw, times the margin asked for; they hol
 """
 
 TIMED = """total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
-4 s, past the start; effort the same of the commands before the deadzone."""
+{late:g} s, past the start; effort the same of the commands before the deadzone."""
 ROUTED = """cross_track is the RMS distance to the nearest point of the route, late after
-4 s, past the start, and peak the largest; pace the time for each metre; total_chatter
+{late:g} s, past the start, and peak the largest; pace the time for each metre; total_chatter
 the sum of the total variations of speed and yaw rate that are asked for."""
 
 
@@ -80,6 +80,7 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
     searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
     conditions = CONDITIONS if tuned.stability else ""
+    explained = (ROUTED if config.controller.follows() else TIMED).format(late=config.criteria.late)
     baseline = baseline_of(problem, verdict.start)
     worst_table = tables.rounds(outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst)
     return f"""# Tuned gains
@@ -106,7 +107,7 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 {tables.comparison(before["tuning"], after["tuning"], names)}
 
-{ROUTED if config.controller.follows() else TIMED} Mean and worst are over the runs that did not
+{explained} Mean and worst are over the runs that did not
 diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 {_path(config)}
 ## What each requirement hangs on

@@ -54,7 +54,7 @@ def pose(config: Config) -> TuningProblem:
     batch = sample(config.scenario, ensemble.draws, ensemble.size, config.seed)
     if wrong := gains.faults(config.controller) + _drawn(batch):
         raise InputError(wrong)
-    objective = requirements(settings)
+    objective = requirements(settings, config.judged())
     metrics = searched(objective)
     slots = settings.search.rounds * len(metrics)  # a round may add one for each
     tuner = Tuner(
@@ -81,8 +81,8 @@ def pose(config: Config) -> TuningProblem:
     return TuningProblem(config, tuner, adversary, screen, first)
 
 
-def requirements(settings: Tune) -> Objective:
-    """Goals and limits as the tuner has them."""
+def requirements(settings: Tune, judged: agvjax.Criteria) -> Objective:
+    """Goals and limits as the tuner has them, and how runs are judged."""
     weights = [(metric, s, getattr(w, s)) for metric, w in settings.goals.items() for s in STATISTICS]
     goals = [Requirement(*weight) for weight in weights if weight[2]]
     limits = [
@@ -91,7 +91,7 @@ def requirements(settings: Tune) -> Objective:
         for metric, limit in settings.limits.items()
         if np.isfinite(getattr(limit, s))
     ]
-    return Objective(tuple(goals), tuple(limits), settings.penalty, tail=settings.tail)
+    return Objective(tuple(goals), tuple(limits), settings.penalty, tail=settings.tail, judged=judged)
 
 
 def searched(objective: Objective) -> tuple[str, ...]:

@@ -348,9 +348,9 @@ def test_the_rules_may_still_be_named():
 
 
 def test_the_goal_of_studies_the_preset_and_the_default_objective_are_one():
-    weights = load(["paper-goal"]).tune.goals
-    assert weights == WHOLE_ERROR
-    assert requirements(load(["paper-goal"]).tune).goals == Objective().goals
+    config = load(["paper-goal"])
+    assert config.tune.goals == WHOLE_ERROR
+    assert requirements(config.tune, config.judged()).goals == Objective().goals
 
 
 def test_late_errors_are_goals_of_runs_that_last_and_of_what_the_plant_has():
@@ -359,3 +359,15 @@ def test_late_errors_are_goals_of_runs_that_last_and_of_what_the_plant_has():
     assert set(load(["unicycle"]).tune.goals) == {"total_rmse", "rmse_late_x", "rmse_late_y"}
     assert set(load([], ["simulate.horizon=7"]).tune.goals) == {"total_rmse"}
     assert set(load([], ["tune.goals.effort=1"]).tune.goals) == {"effort"}
+
+
+def test_from_when_on_an_error_is_late_and_what_has_settled_are_what_the_configuration_says():
+    assert set(load([], ["criteria.late=6.5"]).tune.goals) == {"total_rmse"}  # 12 s are less than twice that
+    config = load([], ["criteria.late=2", "criteria.band=0.1", "criteria.margin=0.5"])
+    for criteria in (pose(config).tuner.objective.criteria, config.judged(delivered=True)):
+        assert (float(criteria.late), criteria.band, criteria.margin) == (2.0, 0.1, 0.5)
+    assert vars(load([]).judged()) == vars(agvjax.Criteria())
+    with pytest.raises(InputError, match=r"criteria\.late = -1: must be a number >= 0"):
+        load([], ["criteria.late=-1"])
+    with pytest.raises(InputError, match=r"criteria\.band = 0: must be a number > 0"):
+        load([], ["criteria.band=0"])

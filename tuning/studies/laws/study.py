@@ -74,7 +74,7 @@ class Comparison:
         self.seen = sample(config.scenario, draws, sizes.size, config.seed)
         self.unseen = sample(config.scenario, draws, sizes.validation_size, config.seed + 1)
         limits = within(dict.fromkeys(BUDGET, 1.0))
-        self.objective = requirements(config.tune)._replace(limits=limits, penalty=10.0)
+        self.objective = requirements(config.tune, config.judged())._replace(limits=limits, penalty=10.0)
 
     @functools.cached_property
     def budget(self) -> np.ndarray:

@@ -59,6 +59,7 @@ class Objective(NamedTuple):
     penalty: float = 3.0
     latched: float = 10.0
     tail: float = 0.1  # share of the ensemble, the worst, whose mean is the "cvar"
+    judged: agvjax.Criteria = agvjax.Criteria()  # when an error has settled, and from when on it is late
     weights: Any = None  # (B,), the scenarios' shares in "mean" and "cvar"; None: equal
 
     @property
@@ -74,7 +75,7 @@ class Objective(NamedTuple):
     @property
     def criteria(self) -> agvjax.Criteria:
         """How runs must be judged for these metrics to have slopes."""
-        return agvjax.Criteria.of(self.names, sloped=True)
+        return agvjax.Criteria.of(self.names, sloped=True, like=self.judged)
 
     @property
     def places(self) -> list[tuple[int, int]]:
