@@ -367,7 +367,7 @@ def test_from_when_on_an_error_is_late_and_what_has_settled_are_what_the_configu
     for criteria in (pose(config).tuner.objective.criteria, config.judged(delivered=True)):
         assert (float(criteria.late), criteria.band, criteria.margin) == (2.0, 0.1, 0.5)
     assert vars(load([]).judged()) == vars(agvjax.Criteria())
-    with pytest.raises(InputError, match=r"criteria\.late = -1: must be a number >= 0"):
+    with pytest.raises(InputError, match=r"criteria\.late = -1.0: must be finite and >= 0"):
         load([], ["criteria.late=-1"])
-    with pytest.raises(InputError, match=r"criteria\.band = 0: must be a number > 0"):
+    with pytest.raises(InputError, match=r"criteria\.band = 0.0: must be finite and > 0"):
         load([], ["criteria.band=0"])
