@@ -13,11 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, gradient, problems, rollout, sampled, startup, sweep, tuning
+from . import accuracy, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "rollout": rollout.measure,
+    "following": following.measure,
     "cores": rollout.measure_cores,
     "gradient": gradient.measure,
     "memory": lambda turns: gradient.measure_memory(),

@@ -19,6 +19,8 @@ def main() -> None:
     begin = time.perf_counter()
     if job["kind"] == "rollout":
         from . import rollout as part
+    elif job["kind"] == "following":
+        from . import following as part
     elif job["kind"] == "sweep":
         from . import sweep as part
     else:
