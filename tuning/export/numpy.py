@@ -67,7 +67,14 @@ PYTHON = Language(
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
-    """One file, `NAME.py`."""
+    """One file, `NAME.py`; of a law that follows a route that beside it, `NAME_route.json`."""
+    route = f"{name}_route.json"
+    data = {} if artefact.route is None else {route: json.dumps(tables.data(artefact.route)) + "\n"}
+    return {f"{name}.py": module(artefact, route)} | data
+
+
+def module(artefact: Artefact, route: str) -> str:
+    """The text of the file; `route` is the name of the file of the route beside it."""
     law = artefact.controller
     step, start = program.step(law), program.start(law)
     gains = {name: fact["value"] for name, fact in artefact.provenance["gains"].items()}
@@ -77,7 +84,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     checked = {group: {f.name: list(f.shape) for f in fields} for group, fields in groups.items()}
     _, rows = table(artefact, step)
     parts = {
-        **_of_route(artefact, name),
+        **_of_route(artefact, route),
         "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}.",
         "GENERATOR": artefact.provenance["generator"],
         "INTERFACE": "\n".join(f"    {group}: {_listed(fields)}" for group, fields in interface.items()),
@@ -91,11 +98,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "START": _start(start),
         "STEP": _step(step),
     }
-    data = {} if artefact.route is None else {f"{name}_route.json": json.dumps(tables.data(artefact.route)) + "\n"}
-    return {f"{name}.py": filled(TEMPLATE, parts)} | data
+    return filled(TEMPLATE, parts)
 
 
-def _of_route(artefact: Artefact, name: str) -> dict[str, str]:
+def _of_route(artefact: Artefact, route: str) -> dict[str, str]:
     """What the template says of what is asked for: a reference at each instant, or a route."""
     if artefact.route is None:
         found = {"DICTIONARIES": "Measurement and reference are dictionaries", "GIVEN": "reference"}
@@ -112,8 +118,8 @@ def _of_route(artefact: Artefact, name: str) -> dict[str, str]:
         "GIVEN": "route",
         "TESTED": "route",
         "IMPORTS": "import json\nfrom pathlib import Path\n\n",
-        "READ": f'    route = read_route("{name}_route.json")  # or another, of another export\n',
-        "READ_ROUTE": f'    route = read_route(Path(__file__).with_name("{name}_route.json"))\n',
+        "READ": f'    route = read_route("{route}")  # or another, of another export\n',
+        "READ_ROUTE": f'    route = read_route(Path(__file__).with_name("{route}"))\n',
         "LOOK": LOOK,
         "FINITE": finite,
     }
