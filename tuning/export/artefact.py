@@ -140,9 +140,12 @@ def _laid(config: Config) -> Json:
 def _speed(config: Config) -> float | None:
     """The one speed [m/s] that most of the path tuned on is driven at, to three digits; None of one that has none."""
     scene = config.scenario
-    times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
-    velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
-    speeds = np.linalg.norm(velocities, axis=-1)
+    if isinstance(scene.path, Route):
+        speeds = np.sqrt(np.asarray(scene.path.squares)[0])
+    else:
+        times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
+        velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
+        speeds = np.linalg.norm(velocities, axis=-1)
     moving = speeds[speeds > 0.01 * speeds.max()]
     usual = np.median(moving) if moving.size else 0.0
     alike = np.abs(moving - usual) < 0.05 * usual

@@ -13,7 +13,7 @@ from .artefact import Artefact, filled
 from .c_language import double
 
 TEMPLATE = Path(__file__).with_name("c_files") / "route.c.txt"
-ACROSS = 6  # numbers in a line
+ACROSS = 5  # numbers in a line
 LOOK = """
 /* The number of a row of `count`; beyond its ends, and of no number, that at the nearest end. */
 static {name}_real {name}_look(const {name}_real *row, {name}_real number, int count)
@@ -55,7 +55,7 @@ def files(artefact: Artefact, name: str) -> dict[str, str]:
     if artefact.route is None:
         return {}
     sizes, arrays = tables.data(artefact.route), tables.arrays(artefact.route)
-    members = [double(sizes[m]) if m in ("length", "reached") else str(sizes[m]) for m in tables.Sizes._fields]
+    members = [f"R({double(sizes[m])})" if m in ("length", "reached") else str(sizes[m]) for m in tables.Sizes._fields]
     said = {
         "NAME": name,
         "GENERATOR": artefact.provenance["generator"],
@@ -67,7 +67,7 @@ def files(artefact: Artefact, name: str) -> dict[str, str]:
 
 
 def _array(real: str, table: str, values: np.ndarray) -> str:
-    numbers = [double(x) for x in values.ravel().tolist()]
+    numbers = [f"R({double(x)})" for x in values.ravel().tolist()]
     lines = [", ".join(numbers[i : i + ACROSS]) for i in range(0, len(numbers), ACROSS)]
     body = ",\n".join(f"    {line}" for line in lines)
     return f"static const {real} {table}[{len(numbers)}] = {{\n{body}\n}};"

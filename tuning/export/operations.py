@@ -152,7 +152,9 @@ class Writer:
 
     def run(self, closed: core.ClosedJaxpr, inputs: Sequence[Operand]) -> list[Operand]:
         """All equations of a jaxpr on scalars, calls inlined; its results."""
-        jaxpr, consts = closed.jaxpr, map(constant, closed.consts)
+        return self._run(closed.jaxpr, list(map(constant, closed.consts)), inputs)
+
+    def _run(self, jaxpr: core.Jaxpr, consts: Sequence[Operand], inputs: Sequence[Operand]) -> list[Operand]:
         values: dict[PyTree, Operand] = dict(zip(jaxpr.invars, inputs, strict=True))
         values |= zip(jaxpr.constvars, consts, strict=True)
 
@@ -201,7 +203,10 @@ class Writer:
     def _choice(self, equation: core.JaxprEqn, inputs: list[Operand]) -> Sequence[Operand]:
         """`lax.cond`, or `lax.switch` of two."""
         condition, *rest = inputs
-        blocks = [self._block(branch, rest) for branch in equation.params["branches"]]
+        blocks = [
+            self._block(branch.jaxpr, list(map(constant, branch.consts)), rest)
+            for branch in equation.params["branches"]
+        ]
         if len(blocks) != 2:
             raise ValueError(f"the law uses cond with {len(blocks)} branches, where only two can be")
         avals: list[PyTree] = [v.aval for v in equation.outvars]
@@ -214,16 +219,14 @@ class Writer:
 
     def _least(self, equation: core.JaxprEqn, inputs: list[Operand]) -> Operand:
         beyond, *captured = inputs
-        score: core.Jaxpr = equation.params["score"]
-        whole = score.replace(constvars=[], invars=[*score.constvars, *score.invars], debug_info=None)
         number, name = self._name(), self._name()
-        block = self._block(core.ClosedJaxpr(whole, []), [*captured, number])
+        block = self._block(equation.params["score"], captured, [number])
         self.written.append(Least(name, beyond, number, block))
         return name
 
-    def _block(self, closed: core.ClosedJaxpr, inputs: Sequence[Operand]) -> Block:
+    def _block(self, jaxpr: core.Jaxpr, consts: Sequence[Operand], inputs: Sequence[Operand]) -> Block:
         inner = Writer(self)
-        results = inner.run(closed, inputs)
+        results = inner._run(jaxpr, consts, inputs)
         return Block(kept(inner.written, results), tuple(results))
 
 
