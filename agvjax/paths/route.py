@@ -13,7 +13,6 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -215,15 +214,15 @@ class Route(Path):
         arc = piece.nearest(position, arc, most)
         kept = self._kept(arc, place.leg)  # the piece of a closed route goes on past the seam
         now = self._on(piece, self.by_kind(lambda: arc, lambda: kept), place.leg)
-        return self._onward(dataclasses.replace(now, arc=kept))
+        return self.onward(dataclasses.replace(now, arc=kept))
 
-    def _onward(self, place: Place) -> Place:
+    def onward(self, place: Place) -> Place:
         """The beginning of the next leg where no more than `reached` [m] of this one is left."""
-        if self.one_leg():
+        if self.legs.shape[1] == 1:
             return place
         over = (place.remaining <= self.reached) & (place.leg < self.last_leg())
-        later = self._at(self._leg_end(place.leg), place.leg + over.astype(place.leg.dtype))
-        return jax.tree.map(lambda x, y: jnp.where(over, x, y), later, place)
+        arc = jnp.where(over, self._leg_end(place.leg), place.arc)
+        return self._at(arc, place.leg + over.astype(place.leg.dtype))
 
     def arrived(self, place: Place) -> Bool[Array, ""]:
         """Whether a vehicle is within `reached` of the end of an open route."""
@@ -263,10 +262,6 @@ class Route(Path):
     def by_kind(self, closed: Callable[[], Array], opened: Callable[[], Array]) -> Array:
         """A value of a closed route, or that of an open one."""
         return closed() if self.closed else opened()
-
-    def one_leg(self) -> bool:
-        """Whether it is known to have no more than one."""
-        return self.legs.shape[1] == 1
 
     def last_leg(self) -> Real:
         """The number of its last leg."""

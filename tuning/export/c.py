@@ -70,14 +70,9 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
     texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
     texts = {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()}
-    return (
-        texts
-        | c_route.files(artefact, name)
-        | {
-            "vectors.h": _vectors(step, rows),
-            "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
-        }
-    )
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    texts |= {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
+    return texts | c_route.files(artefact, name)
 
 
 def _functions(*programs: Program) -> set[str]:

@@ -25,7 +25,7 @@ STATUS = {  # words of `output.status` and what they mean; a step's flags after 
 
 def start(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
     """The state of a law that starts now; NaN all over where a number is not finite, so that a later step starts."""
-    state = controller.inner.init(measurement, reference)
+    state = begun(controller, measurement, reference)
     return _chosen(
         _finite((measurement, _asked(reference))), state, jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), state)
     )
@@ -33,20 +33,32 @@ def start(controller: Sampled, measurement: Measurement, reference: Reference) -
 
 def step(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> Json:
     """State afterwards, inputs, whether limited, and the flags of the status; groups of a `program.Program`."""
-    begun = _finite(_own(state))
+    going = _finite(_own(state))
     if controller.follows():  # it searches the whole route, which no period but the first has time for
-        before = jax.lax.cond(begun, lambda: state, lambda: controller.inner.init(measurement, reference))
+        before = jax.lax.cond(going, lambda: state, lambda: begun(controller, measurement, reference))
     else:
-        before = _chosen(begun, state, controller.inner.init(measurement, reference))
-    later = controller.step(before, measurement, reference)
-    inputs = later.command.inputs
-    sound = _finite((measurement, _asked(reference))) & _finite((_own(later.law), inputs))
+        before = _chosen(going, state, begun(controller, measurement, reference))
+    computed = controller.step(before, measurement, reference)
+    later, inputs = without_corridor(computed.law), computed.command.inputs
+    sound = _finite((measurement, _asked(reference))) & _finite((_own(later), inputs))
     return {
-        "state": _chosen(sound, later.law, state),
+        "state": _chosen(sound, later, state),
         "inputs": _chosen(sound, inputs, jax.tree.map(jnp.zeros_like, inputs)),
-        "limited": {"limited": sound & later.limited},
-        "status": {"not_finite": ~sound, "started": sound & ~begun},
+        "limited": {"limited": sound & computed.limited},
+        "status": {"not_finite": ~sound, "started": sound & ~going},
     }
+
+
+def begun(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
+    """The state of the law inside that starts here."""
+    return without_corridor(controller.inner.init(measurement, reference))
+
+
+def without_corridor(state: PyTree) -> PyTree:
+    """A state as it is exported: how wide the route is where the vehicle is, no law needs to remember."""
+    if isinstance(state, Followed):
+        return dataclasses.replace(state, place=dataclasses.replace(state.place, room=None))
+    return state
 
 
 def _asked(reference: Reference) -> Reference:

@@ -17,7 +17,7 @@ from agvjax.messages import Reference
 
 from ..io.files import Json
 from . import guard, tables
-from .operations import INLINED, Block, Operand, Statement, Writer, kept
+from .operations import INLINED, Block, Operand, Statement, Writer, flat, kept
 
 GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one
 
@@ -69,7 +69,7 @@ def examples(controller: Sampled) -> tuple[PyTree, Measurement, PyTree]:
     seen = agvjax.Measurement(position=pair, velocity=pair, heading=zero, yaw_rate=zero, steering_angle=angle)
     if controller.follows():
         given = tables.Sizes(pieces=zero, legs=zero, closed=zero, length=zero, reached=zero)
-        state = jax.eval_shape(lambda m, sizes: controller.inner.init(m, tables.asked(sizes)), seen, given)
+        state = jax.eval_shape(lambda m, sizes: guard.begun(controller, m, tables.asked(sizes)), seen, given)
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), state), seen, given
     reference = Reference(position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero)
     return controller.inner.init(seen, reference), seen, reference
@@ -123,7 +123,10 @@ def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
         group: tuple(f._replace(variables=tuple(next(taken) for _ in f.variables)) for f in _fields(group, tree))
         for group, tree in jax.eval_shape(function, *trees).items()
     }
-    return Program(fields, kept(writer.written, outputs), results)
+    operations = kept(writer.written, outputs)
+    if any(operation.params.get("table") == tables.CORRIDOR for operation in flat(operations)):
+        raise ValueError("the law looks at the corridor of the route, which is not exported")
+    return Program(fields, operations, results)
 
 
 def _fields(group: str, tree: PyTree) -> tuple[Field, ...]:

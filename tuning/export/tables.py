@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.extend.core import Primitive
 from jaxtyping import Array, Float, PyTree
 
@@ -20,6 +21,7 @@ from agvjax import Route
 from agvjax._pytree import Real, pytree
 from agvjax.messages import Reference
 from agvjax.paths.pieces import Leg
+from agvjax.paths.place import Place
 
 from ..io.files import Json
 
@@ -39,6 +41,7 @@ TABLES = {  # by the names that they have in a `Route`
         "each_leg", "legs", "4 rows: where it begins [m], pieces in a metre, its first piece, 1 or -1 backwards"
     ),
 }
+CORRIDOR = "half_widths"  # a table that is not exported
 UNITS = {"length": "m", "reached": "m, from the end of a leg, where it is done"}
 UNITS |= {"pieces": "how many", "legs": "how many", "closed": "1 where its end is its beginning, else 0"}
 
@@ -74,13 +77,14 @@ class Tabled(Route):
 
     @classmethod
     def traced(cls, sizes: Sizes) -> Tabled:
-        """With these sizes, which are tracers; without a corridor, which no law looks at."""
-        none = np.zeros((0, 0))
+        """With these sizes, which are tracers; a law that looks at its corridor is found out by that."""
+        none = np.zeros((0, 0))  # of no leg, least of all of one
         return cls(
             table=none,
             squares=none,
             instants=none,
             legs=none,
+            half_widths=none,
             length=sizes.length,
             reached=sizes.reached,
             pieces=sizes.pieces,
@@ -92,9 +96,9 @@ class Tabled(Route):
         """Both, and one of them is taken."""
         return jnp.where(self.loop != 0, closed(), opened())
 
-    def one_leg(self) -> bool:
-        """It is not known."""
-        return False
+    def onward(self, place: Place) -> Place:
+        """As every route, and where it has one leg the place stays as it was found."""
+        return lax.cond(self.count > 1, super().onward, lambda now: now, place)
 
     def last_leg(self) -> Real:
         """An argument less 1."""
@@ -113,7 +117,8 @@ class Tabled(Route):
 
     def look(self, table: str, row: int, number: Array) -> Array:
         """An operation of the exported code."""
-        return lookup_p.bind(number, jnp.asarray(self.pieces), table=TABLES[table].name, row=row)
+        name = CORRIDOR if table == "half_widths" else TABLES[table].name
+        return lookup_p.bind(number, jnp.asarray(self.pieces), table=name, row=row)
 
     def least(self, score: Callable[..., Array], rows: tuple[int, ...], beyond: Array) -> Array:
         """A loop of the exported code, over pieces one by one."""
