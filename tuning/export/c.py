@@ -42,8 +42,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     if wrong := names.faults(name):
         raise InputError(wrong)
     step, start = program.step(artefact.controller), program.start(artefact.controller)
-    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
-        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
+    _check(step)
     header, rows = table(artefact, step)
     period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
@@ -73,6 +72,12 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
     texts |= {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
     return texts | c_route.files(artefact, name)
+
+
+def _check(step: Program) -> None:
+    """Raise a ValueError for a number that is named as none can be in C."""
+    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
+        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
 
 
 def _functions(*programs: Program) -> set[str]:
