@@ -74,9 +74,15 @@ class PathLQR(Regulated):
         e, e_psi, speed = path_errors(place, measurement)
         pace = jnp.abs(speed)
         later = route.at(place.arc + pace * self.ahead, place.leg)
-        k_y, k_psi = (jnp.interp(pace, jnp.asarray(self.speeds), jnp.asarray(k)) for k in (self.k_y, self.k_psi))
+        k_y, k_psi = (_between(pace, jnp.asarray(self.speeds), jnp.asarray(k)) for k in (self.k_y, self.k_psi))
         curvature = later.curvature - self.scale_y * k_y * e - self.scale_psi * k_psi * e_psi
         return self.twist(self.regulated(place.speed, curvature), place.sign, curvature), ()
+
+
+def _between(x: Array, nodes: Array, values: Array) -> Array:
+    """The values between the nodes on straight lines, beyond them the last; as a sum, which needs no search."""
+    lengths = nodes[1:] - nodes[:-1]
+    return values[0] + jnp.sum(jnp.clip(x - nodes[:-1], 0.0, lengths) / lengths * (values[1:] - values[:-1]))
 
 
 def _riccati(step: float, q_y: float, q_psi: float, r: float) -> np.ndarray:

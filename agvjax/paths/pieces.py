@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,31 +14,39 @@ STEPS = 2  # of Newton's method on a piece
 FLAT = 0.2  # least of 1 - curvature x deviation in them: at 0 lies the centre of the curve, equally near to all of it
 
 
+class Leg(NamedTuple):
+    """Numbers of a leg, or of all legs in rows."""
+
+    begins: Array  # m
+    ends: Array  # m
+    offset: Array  # m, where it begins, less the pieces before that
+    pace: Array  # pieces in a metre
+    first: Array  # its first piece
+    beyond: Array  # the first piece that is the next leg's
+    sign: Array  # 1 forwards, -1 backwards
+
+    @classmethod
+    def of(cls, begins: Array, ends: Array, pace: Array, first: Array, beyond: Array, sign: Array) -> Leg:
+        """From what a route's tables say of it."""
+        return cls(begins, ends, begins - first / pace, pace, first, beyond, sign)
+
+
 class Piece(NamedTuple):
     """A piece of a route, looked up."""
 
-    number: Array
+    number: Array  # whole, as a real number
     coefficients: list[Array]  # (12,) m, of the powers of the share
-    begins: Array  # m, where its leg begins, less the pieces before that
-    pace: Array  # pieces in a metre
-    sign: Array
+    leg: Leg
 
     @classmethod
-    def of(cls, table: Numbers, legs: Numbers, arc: Array, leg: Array) -> Piece:
-        """The piece of an arc length; beyond the ends of a leg its first or last."""
-        begins, pace, first, sign = (jnp.asarray(row) for row in legs)
-        low, high = first, jnp.append(first, table.shape[1])[1:]
-        parts = begins - first / pace, pace, sign, low, high
-        if len(begins) == 1:
-            begins, pace, sign, low, high = (part[0] for part in parts)
-        else:
-            begins, pace, sign, low, high = (of_leg(part, leg) for part in parts)
-        number = jnp.clip(jnp.floor((arc - begins) * pace), low, high - 1).astype(int)
-        return cls(number, [look(table, k, number) for k in range(12)], begins, pace, sign)
+    def of(cls, look: Callable[[int, Array], Array], leg: Leg, arc: Array) -> Piece:
+        """The piece of an arc length; beyond the ends of the leg its first or last. `look` finds a coefficient."""
+        number = jnp.clip(jnp.floor((arc - leg.offset) * leg.pace), leg.first, leg.beyond - 1)
+        return cls(number, [look(k, number) for k in range(12)], leg)
 
     def share(self, arc: Array) -> Array:
         """How much of it lies before an arc length."""
-        return (arc - self.begins) * self.pace - self.number.astype(arc.dtype)
+        return (arc - self.leg.offset) * self.leg.pace - self.number
 
     def curve(self, share: Array) -> tuple[Array, Array, Array]:
         """Position, and its first and second derivative by the share."""
@@ -57,17 +66,18 @@ class Piece(NamedTuple):
             p, rate, second = self.curve(self.share(arc))
             away = position - p
             slope, bend = jnp.sum(away * rate), jnp.sum(rate * rate)
-            step = slope / jnp.maximum(bend - jnp.sum(away * second), FLAT * bend) / self.pace
+            step = slope / jnp.maximum(bend - jnp.sum(away * second), FLAT * bend) / self.leg.pace
             arc = arc + jnp.clip(step, -most, most)
         return arc
 
 
 def look(table: Numbers, row: int, number: Array) -> Array:
-    """One number of a table; of the flat one, so that no row of it is copied."""
+    """The number of a piece in a row of a table; of the flat one, so that no row of it is copied."""
     flat = jnp.asarray(table).reshape(-1)
-    return flat.at[number + row * table.shape[1]].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    index = number.astype(int) + row * table.shape[1]
+    return flat.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def of_leg(row: Array, leg: Array) -> Array:
-    """The number of a leg."""
-    return row.at[jnp.asarray(leg).astype(int)].get(mode="clip")
+    """The number of a leg; of the only one without a lookup."""
+    return row[0] if row.shape[0] == 1 else row.at[jnp.asarray(leg).astype(int)].get(mode="clip")

@@ -9,6 +9,8 @@ stops and turns back. Its speed is a profile over the arc length. A law remember
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -21,7 +23,7 @@ from ..geometry import direction, safe_sqrt
 from ..protocols import Path
 from .corners import corners
 from .laying import Laid, along, through
-from .pieces import FLAT, Piece, look, of_leg
+from .pieces import FLAT, Leg, Piece, look, of_leg
 from .place import Place
 from .profile import SpeedLimits
 
@@ -151,7 +153,7 @@ class Route(Path):
         # not clip: its slope is a half at either end
         t = jnp.mod(t, end) if self.closed else jnp.where(t > end, end, jnp.where(t < 0, jnp.zeros_like(t), t))
         piece = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, last - 1)
-        square, change = (look(self.squares, k, piece) for k in range(2))
+        square, change = (self.look("squares", k, piece) for k in range(2))
         begins, pace, first, _ = (jnp.asarray(row) for row in self.legs)
         leg = jnp.sum(piece.astype(t.dtype) >= first).astype(int) - 1
         after = t - instants[piece]
@@ -169,7 +171,10 @@ class Route(Path):
         return self._at(self._kept(arc, leg), leg)
 
     def _at(self, arc: Array, leg: Array) -> Place:
-        return self._on(Piece.of(self.table, self.legs, arc, leg), arc, leg)
+        return self._on(self._piece(arc, leg), arc, leg)
+
+    def _piece(self, arc: Array, leg: Array) -> Piece:
+        return Piece.of(functools.partial(self.look, "table"), self.of_leg(leg), arc)
 
     def _on(self, piece: Piece, arc: Array, leg: Array) -> Place:
         """A place whose piece has been looked up."""
@@ -177,10 +182,10 @@ class Route(Path):
         p, rate, second = piece.curve(share)
         length = jnp.sqrt(jnp.sum(rate * rate))
         inside = jnp.clip(share, 0, 1)
-        square, change = (look(self.squares, k, piece.number) for k in range(2))
+        square, change = (self.look("squares", k, piece.number) for k in range(2))
         room = None
         if self.half_widths is not None:
-            left, left_change, right, right_change = (look(self.half_widths, k, piece.number) for k in range(4))
+            left, left_change, right, right_change = (self.look("half_widths", k, piece.number) for k in range(4))
             room = left + inside * left_change, right + inside * right_change
         return Place(
             arc=arc,
@@ -189,7 +194,7 @@ class Route(Path):
             tangent=rate / length,
             curvature=(rate[0] * second[1] - rate[1] * second[0]) / length**3,
             speed=safe_sqrt(jnp.maximum(square + change * inside, 0)),
-            sign=piece.sign,
+            sign=piece.leg.sign,
             remaining=self._leg_end(leg) - arc,
             room=room,
         )
@@ -205,23 +210,23 @@ class Route(Path):
         most = PACE * h * safe_sqrt(jnp.sum(velocity**2)) + jnp.minimum(SLIDE * jnp.asarray(self.length), SLOWEST)
         tight = jnp.maximum(1 - place.curvature * place.across(position), FLAT)
         arc = self._kept(place.arc + jnp.clip(place.ahead(position) / tight, -most, most), place.leg)
-        piece = Piece.of(self.table, self.legs, arc, place.leg)
+        piece = self._piece(arc, place.leg)
         arc = piece.nearest(position, arc, most)
-        if self.closed:  # the piece goes on past the seam; the arc length begins anew there
-            return dataclasses.replace(self._on(piece, arc, place.leg), arc=self._kept(arc, place.leg))
-        return self._onward(self._on(piece, self._kept(arc, place.leg), place.leg))
+        kept = self._kept(arc, place.leg)  # the piece of a closed route goes on past the seam
+        now = self._on(piece, self.by_kind(lambda: arc, lambda: kept), place.leg)
+        return self.onward(dataclasses.replace(now, arc=kept))
 
-    def _onward(self, place: Place) -> Place:
+    def onward(self, place: Place) -> Place:
         """The beginning of the next leg where no more than `reached` [m] of this one is left."""
         if self.legs.shape[1] == 1:
             return place
-        over = (place.remaining <= self.reached) & (place.leg < self.legs.shape[1] - 1)
+        over = (place.remaining <= self.reached) & (place.leg < self.last_leg())
         arc = jnp.where(over, self._leg_end(place.leg), place.arc)
         return self._at(arc, place.leg + over.astype(place.leg.dtype))
 
     def arrived(self, place: Place) -> Bool[Array, ""]:
         """Whether a vehicle is within `reached` of the end of an open route."""
-        return (place.leg >= self.legs.shape[1] - 1) & (place.remaining <= self.reached)
+        return (place.leg >= self.last_leg()) & (place.remaining <= self.reached)
 
     def search(self, position: Float[Array, "2"], heading: Float[Array, ""]) -> Place:
         """Where on the whole route a vehicle with this heading starts: near, and in the direction that it looks in.
@@ -229,31 +234,52 @@ class Route(Path):
         Of two places the nearer one, a heading that is off by an angle a counted as 2 sin(a / 2) m, at most as that
         times a tenth of the route's length. On a route with several legs it starts with the first.
         """
-        begins, pace, first, sign = (jnp.asarray(row) for row in self.legs)
-        count = self.squares.shape[1] if begins.shape[0] == 1 else first[1].astype(int)
-        table = jnp.asarray(self.table)
-        x, y, x_rate, y_rate = table[0], table[6], table[1], table[7]
-        look = direction(heading) * sign[0]
-        cosine = (look[0] * x_rate + look[1] * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
-        weight = jnp.minimum(TURN, jnp.asarray(self.length) / 10)
-        score = (x - position[0]) ** 2 + (y - position[1]) ** 2 + 2 * weight**2 * (1 - cosine)
-        index = jnp.argmin(jnp.where(jnp.arange(self.squares.shape[1]) < count, score, jnp.inf))
-        arc, leg = index.astype(pace.dtype) / pace[0], jnp.zeros_like(heading)
+        leg = jnp.zeros_like(heading)
+        on = self.of_leg(leg)
+        x0, y0, ahead = position[0], position[1], direction(heading) * on.sign
+        x_ahead, y_ahead, weight = ahead[0], ahead[1], jnp.minimum(TURN, jnp.asarray(self.length) / 10)
+
+        def score(x: Array, x_rate: Array, y: Array, y_rate: Array) -> Array:
+            cosine = (x_ahead * x_rate + y_ahead * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
+            return (x - x0) ** 2 + (y - y0) ** 2 + 2 * weight**2 * (1 - cosine)
+
+        arc = self.least(score, (0, 1, 6, 7), on.beyond) / on.pace
         for _ in range(3):
-            arc = self._kept(Piece.of(self.table, self.legs, arc, leg).nearest(position, arc, 1 / pace[0]), leg)
+            arc = self._kept(self._piece(arc, leg).nearest(position, arc, 1 / on.pace), leg)
         return self._at(arc, leg)
 
     def _kept(self, arc: Array, leg: Array) -> Array:
         """Within the leg, or on the lap."""
-        if self.closed:
-            length = jnp.asarray(self.length)
-            return arc - length * jnp.floor(arc / length)
-        begins = jnp.asarray(self.legs[0])
-        return jnp.clip(arc, begins[0] if begins.shape[0] == 1 else of_leg(begins, leg), self._leg_end(leg))
+        length, on = jnp.asarray(self.length), self.of_leg(leg)
+        return self.by_kind(lambda: arc - length * jnp.floor(arc / length), lambda: jnp.clip(arc, on.begins, on.ends))
 
     def _leg_end(self, leg: Array) -> Array:
         """Where [m] the leg ends."""
-        if self.closed:
-            return jnp.full_like(leg, jnp.inf)
-        ends = jnp.append(jnp.asarray(self.legs[0])[1:], jnp.asarray(self.length))
-        return ends[0] if ends.shape[0] == 1 else of_leg(ends, leg)
+        return self.by_kind(lambda: jnp.full_like(leg, jnp.inf), lambda: self.of_leg(leg).ends)
+
+    # All that the loop looks up in its tables; an exporter looks them up in a language of its own.
+
+    def by_kind(self, closed: Callable[[], Array], opened: Callable[[], Array]) -> Array:
+        """A value of a closed route, or that of an open one."""
+        return closed() if self.closed else opened()
+
+    def last_leg(self) -> Real:
+        """The number of its last leg."""
+        return self.legs.shape[1] - 1
+
+    def of_leg(self, leg: Array) -> Leg:
+        """The numbers of a leg."""
+        begins, pace, first, sign = (jnp.asarray(row) for row in self.legs)
+        ends, beyond = (jnp.append(row, end)[1:] for row, end in ((begins, self.length), (first, self.table.shape[1])))
+        return Leg(*(of_leg(row, leg) for row in Leg.of(begins, ends, pace, first, beyond, sign)))
+
+    def look(self, table: str, row: int, number: Array) -> Array:
+        """The number of a piece in a row of `table`, `squares` or `half_widths`."""
+        tables: dict[str, Any] = {"table": self.table, "squares": self.squares, "half_widths": self.half_widths}
+        return look(tables[table], row, number)
+
+    def least(self, score: Callable[..., Array], rows: tuple[int, ...], beyond: Array) -> Array:
+        """The number of the piece before `beyond` with the least score, a function of these rows of `table`."""
+        numbers = jnp.arange(self.table.shape[1])
+        scores = score(*(jnp.asarray(self.table)[row] for row in rows))
+        return jnp.argmin(jnp.where(numbers.astype(beyond.dtype) < beyond, scores, jnp.inf)).astype(beyond.dtype)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import re
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 import agvjax
-from agvjax import Fault, InputError, Sampled
+from agvjax import Fault, InputError, Route, Sampled
 from agvjax.leaves import leaves, rule_of, unit_of
 from agvjax.paths.heading import reference
 
@@ -37,6 +38,7 @@ class Artefact(NamedTuple):
 
     controller: agvjax.Sampled  # in float64
     provenance: Json  # plain, for JSON
+    route: Route | None = None  # that the configuration has, of a law that follows one
 
 
 def read(
@@ -70,18 +72,28 @@ def read(
     known = bool(files) or whole
     stated = configuration.dump(config) if known else content
     verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
-    return Artefact(controller, finite(_provenance(config, controller, path.name, stated, known) | verdict))
+    provenance = finite(_provenance(config, controller, path.name, stated, known) | verdict)
+    return Artefact(controller, provenance, _route(config, controller))
 
 
 def _exportable(law: agvjax.Law) -> Sampled:
-    """The law, if it has a period and goes by the clock."""
+    """The law, if it has a period."""
     if not isinstance(law, Sampled):
         rule = "sampled: only a controller with a period can be exported; tune one with controller.type = 'sampled'"
         raise InputError([Fault("controller", type(law).__name__, rule)])
-    if law.follows():
-        rule = "a law that goes by the clock: one that follows a route cannot be exported yet"
-        raise InputError([Fault("controller.inner", type(law.inner).__name__, rule)])
     return agvjax.check(law)
+
+
+def _route(config: Config, controller: Sampled) -> Route | None:
+    """The route that the law is to follow; a corridor is left out, which no law looks at."""
+    path = config.scenario.path
+    if not controller.follows():
+        return None
+    if not isinstance(path, Route):
+        law = type(controller.inner).__name__
+        rule = f"a route, type = 'route', which {law} follows: it lies in the configuration beside the gains (--config)"
+        raise InputError([Fault("scenario.path", type(path).__name__, rule)])
+    return dataclasses.replace(path, half_widths=None)
 
 
 def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:
@@ -94,6 +106,7 @@ def _provenance(config: Config, controller: Sampled, source: str, stated: str, k
         "period": {"value": float(controller.period), "unit": "s"},
         "speed": {"value": _speed(config) if known else None, "unit": "m/s"},
         "gains": {name: _gain(controller, name, value) for name, value in leaves(controller).items()},
+        "route": _laid(config) if controller.follows() and known else None,
         "inputs": {name: controller.vehicle.units.get(name, "") for name in controller.vehicle.actuators},
         "uncertainty": _uncertainty(config) if known else UNSTATED,
     }
@@ -115,12 +128,24 @@ def _verdict(file: Path, controller: Sampled) -> str:
     return failure or MET
 
 
+def _laid(config: Config) -> Json:
+    """What the route is that the gains were tuned on."""
+    path = config.scenario.path
+    if not isinstance(path, Route):
+        return {}
+    length = {"value": float(np.asarray(path.length)), "unit": "m"}
+    return {"length": length, "legs": path.legs.shape[1], "pieces": path.squares.shape[1], "closed": path.closed}
+
+
 def _speed(config: Config) -> float | None:
     """The one speed [m/s] that most of the path tuned on is driven at, to three digits; None of one that has none."""
     scene = config.scenario
-    times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
-    velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
-    speeds = np.linalg.norm(velocities, axis=-1)
+    if isinstance(scene.path, Route):
+        speeds = np.sqrt(np.asarray(scene.path.squares)[0])
+    else:
+        times = jnp.linspace(0.0, config.simulate.horizon, INSTANTS)
+        velocities = jax.vmap(lambda t: reference(scene.path, scene.heading, t).velocity)(times)
+        speeds = np.linalg.norm(velocities, axis=-1)
     moving = speeds[speeds > 0.01 * speeds.max()]
     usual = np.median(moving) if moving.size else 0.0
     alike = np.abs(moving - usual) < 0.05 * usual

@@ -13,15 +13,17 @@ from jaxtyping import PyTree
 from agvjax import InputError
 from agvjax.engine.loop import farthest
 
-from . import guard, names, program
+from . import c_language, c_route, guard, names, program
 from .artefact import Artefact, filled
-from .expressions import FUNCTIONS, Language, expression, text
+from .c_language import double
+from .expressions import FUNCTIONS, lines, text
+from .operations import flat
 from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
-GROUPS = ("gains", "state", "measurement", "reference")
+GROUPS = ("gains", "state", "measurement", "reference", "route")
 EMPTY = "unused"  # C99 has no structure without members
 OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
 FLAGS = (
@@ -40,18 +42,18 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     if wrong := names.faults(name):
         raise InputError(wrong)
     step, start = program.step(artefact.controller), program.start(artefact.controller)
-    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
-        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
-    header, rows = table(artefact.controller, step)
+    _check(step)
+    header, rows = table(artefact, step)
     period, facts = float(artefact.controller.period), artefact.provenance
     inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
     gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
+        **c_route.parts(artefact.route, step.given, name),
         "TITLE": f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.",
         "PERIOD": f"{period:g}",
-        "EXACT_PERIOD": _double(period),
+        "EXACT_PERIOD": double(period),
         "ROWS": str(len(rows)),
         "FIRST": inputs[0],
         "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
@@ -66,15 +68,21 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     }
     texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
     texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
-    return {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()} | {
-        "vectors.h": _vectors(step, rows),
-        "vectors.csv": "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n",
-    }
+    texts = {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()}
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    texts |= {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
+    return texts | c_route.files(artefact, name)
+
+
+def _check(step: Program) -> None:
+    """Raise a ValueError for a number that is named as none can be in C."""
+    for group, fields in (step.arguments | {"output": step.results["inputs"]}).items():
+        names.check_members(group, [field.member for field in fields] + OUTPUT * (group == "output"))
 
 
 def _functions(*programs: Program) -> set[str]:
     """What they call of math.h."""
-    used = {operation.primitive for one in programs for operation in one.operations}
+    used = {operation.primitive for one in programs for operation in flat(one.operations)}
     return {FUNCTIONS[p] for p in used if p in FUNCTIONS} | ({"rint"} if "round" in used else set())
 
 
@@ -88,24 +96,6 @@ def _status(name: str) -> str:
 def _commented(text: str) -> str:
     """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
     return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
-
-
-def _language(name: str) -> Language:
-    return Language(
-        number=lambda x: f"{name.upper()}_R({_double(x)})",
-        truth=lambda x: str(int(x)),
-        choose=lambda c, yes, no: f"({c}) ? {yes} : {no}",
-        call=lambda function: f"{name.upper()}_M({function})",
-        both="&&",
-        either="||",
-        negate=lambda x: f"!{x}",
-    )
-
-
-def _double(x: float) -> str:
-    if not np.isfinite(x):
-        return "HUGE_VAL" if x > 0 else "-HUGE_VAL" if x < 0 else "(HUGE_VAL - HUGE_VAL)"
-    return repr(float(x))
 
 
 def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
@@ -130,30 +120,36 @@ def _structs(artefact: Artefact, step: Program, name: str) -> str:
         _struct(f"{name}_gains", step.arguments["gains"], gains),
         _struct(f"{name}_state", step.arguments["state"], {}),
         _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
-        _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"}),
+        _given(step, name),
         _struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
     ]
     return "\n\n".join(structs)
+
+
+def _given(step: Program, name: str) -> str:
+    """The structure of what is asked for."""
+    if step.given == "route":
+        return c_route.struct(name)
+    return _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"})
 
 
 def _initial(value: PyTree, name: str) -> str:
     """A number, or an array in braces."""
     if isinstance(value, list):
         return "{" + ", ".join(_initial(x, name) for x in value) + "}"
-    return f"{name.upper()}_R({_double(value)})"
+    return f"{name.upper()}_R({double(value)})"
 
 
 def _body(program: Program, name: str) -> str:
-    language, real, read = _language(name), f"{name}_real", program.read
+    language, real, read = c_language.language(name), f"{name}_real", program.read
     declared, idle = [], []
     for group in GROUPS:
         fields = program.arguments.get(group, ())
         used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
-        declared += [f"const {real} {v} = {group}->{member};" for member, v in used]
-        idle += [] if used or group == "state" else [f"(void){group};"]
-    for operation in program.operations:
-        kind = "int" if operation.flag else real
-        declared.append(f"const {kind} {operation.name} = {expression(operation, language)};")
+        cast = f"({real})" if group == "route" else ""  # whole numbers among it
+        declared += [f"const {real} {v} = {cast}{group}->{member};" for member, v in used]
+        idle += [] if used or group not in program.arguments else [f"(void){group};"]
+    declared += lines(program.operations, language)
     targets = {"state": "state", "inputs": "output", "empty": "state", "limited": "output"}
     empty = {} if program.results["state"] else {"empty": (Field(EMPTY, (), (0.0,)),)}
     results = [
@@ -171,9 +167,10 @@ def _body(program: Program, name: str) -> str:
 
 def _vectors(step: Program, rows: np.ndarray) -> str:
     """`vectors.h`: the rows of the self-test, with their number and the sizes of their parts."""
-    counts = {group.upper(): sum(len(f.variables) for f in step.arguments[group]) for group in GROUPS[1:]}
+    groups = {group: step.arguments.get(group, ()) for group in GROUPS[1:4]}  # a route is none of the rows
+    counts = {group.upper(): sum(len(f.variables) for f in fields) for group, fields in groups.items()}
     counts["RESULTS"] = counts["STATE"] + sum(len(f.variables) for f in step.results["inputs"])
-    lines = ["    {" + ", ".join(map(_double, row)) + "}," for row in rows.tolist()]
+    lines = ["    {" + ", ".join(map(double, row)) + "}," for row in rows.tolist()]
     head = "/* Each row: state, measurement, reference; then the state afterwards, the inputs, whether limited. */"
     counts |= {"VECTORS": len(rows), "COLUMNS": rows.shape[1]}
     size = "\n".join(f"#define {key} {value}" for key, value in counts.items())

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..io.files import Json
-from .program import Operand, Operation
+from .operations import Block, Choice, Least, Operand, Operation, Statement
 
 INFIX = {"add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/"}
 INFIX |= {"gt": ">", "lt": "<", "ge": ">=", "le": "<=", "eq": "==", "ne": "!="}
@@ -28,6 +28,35 @@ class Language(NamedTuple):
     both: str
     either: str
     negate: Callable[[str], str]
+    define: Callable[[str, str, bool], str]  # name, its value, whether that is a truth value
+    assign: Callable[[str, str], str]
+    lookup: Callable[[str, int, str], str]  # table of a route, row, number of the column
+    either_block: Callable[[Choice, str, list[str], list[str]], list[str]]  # condition, lines if so, if not
+    loop: Callable[[Least, str, list[str], str], list[str]]  # count, lines of a round, its score
+
+
+def lines(operations: Sequence[Statement], language: Language) -> list[str]:
+    """Operations, one after the other.
+
+    Raises:
+        ValueError: as `expression`.
+    """
+    return [line for operation in operations for line in _statement(operation, language)]
+
+
+def _statement(operation: Statement, language: Language) -> list[str]:
+    if isinstance(operation, Choice):
+        blocks = [_assigned(block, operation.names, language) for block in operation.blocks]
+        return language.either_block(operation, text(operation.condition, language), *blocks)
+    if isinstance(operation, Least):
+        inner, (score,) = lines(operation.score.operations, language), operation.score.results
+        return language.loop(operation, text(operation.beyond, language), inner, text(score, language))
+    return [language.define(operation.name, expression(operation, language), operation.flag)]
+
+
+def _assigned(block: Block, names: Sequence[str], language: Language) -> list[str]:
+    results = [text(value, language) for value in block.results]
+    return lines(block.operations, language) + [language.assign(*pair) for pair in zip(names, results, strict=True)]
 
 
 def text(operand: Operand, language: Language) -> str:
@@ -44,6 +73,8 @@ def expression(operation: Operation, language: Language) -> str:
         ValueError: a primitive that no law has used so far; the message names it.
     """
     name, x = operation.primitive, [text(operand, language) for operand in operation.inputs]
+    if name == "agvjax_lookup":
+        return language.lookup(operation.params["table"], operation.params["row"], x[0])
     if name in INFIX:
         return f"{x[0]} {INFIX[name]} {x[1]}"
     if name in FUNCTIONS:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, PyTree
 
 from agvjax import Measurement, Sampled
+from agvjax.controllers.following import Followed
 from agvjax.messages import Reference
 
 from ..io.files import Json
@@ -22,23 +25,52 @@ STATUS = {  # words of `output.status` and what they mean; a step's flags after 
 
 def start(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
     """The state of a law that starts now; NaN all over where a number is not finite, so that a later step starts."""
-    state = controller.inner.init(measurement, reference)
-    return _chosen(_finite((measurement, reference)), state, jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), state))
+    state = begun(controller, measurement, reference)
+    return _chosen(
+        _finite((measurement, _asked(reference))), state, jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), state)
+    )
 
 
 def step(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> Json:
     """State afterwards, inputs, whether limited, and the flags of the status; groups of a `program.Program`."""
-    begun = _finite(state)
-    before = _chosen(begun, state, controller.inner.init(measurement, reference))
-    later = controller.step(before, measurement, reference)
-    inputs = later.command.inputs
-    sound = _finite((measurement, reference)) & _finite((later.law, inputs))
+    going = _finite(_own(state))
+    if controller.follows():  # it searches the whole route, which no period but the first has time for
+        before = jax.lax.cond(going, lambda: state, lambda: begun(controller, measurement, reference))
+    else:
+        before = _chosen(going, state, begun(controller, measurement, reference))
+    computed = controller.step(before, measurement, reference)
+    later, inputs = without_corridor(computed.law), computed.command.inputs
+    sound = _finite((measurement, _asked(reference))) & _finite((_own(later), inputs))
     return {
-        "state": _chosen(sound, later.law, state),
+        "state": _chosen(sound, later, state),
         "inputs": _chosen(sound, inputs, jax.tree.map(jnp.zeros_like, inputs)),
-        "limited": {"limited": sound & later.limited},
-        "status": {"not_finite": ~sound, "started": sound & ~begun},
+        "limited": {"limited": sound & computed.limited},
+        "status": {"not_finite": ~sound, "started": sound & ~going},
     }
+
+
+def begun(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
+    """The state of the law inside that starts here."""
+    return without_corridor(controller.inner.init(measurement, reference))
+
+
+def without_corridor(state: PyTree) -> PyTree:
+    """A state as it is exported: how wide the route is where the vehicle is, no law needs to remember."""
+    if isinstance(state, Followed):
+        return dataclasses.replace(state, place=dataclasses.replace(state.place, room=None))
+    return state
+
+
+def _asked(reference: Reference) -> Reference:
+    """What is asked for at an instant, without the route, which stays as it is."""
+    return dataclasses.replace(reference, route=None)
+
+
+def _own(state: PyTree) -> PyTree:
+    """A state without what is left of a leg: infinite on a closed route, and never read."""
+    if isinstance(state, Followed):
+        return dataclasses.replace(state, place=dataclasses.replace(state.place, remaining=state.place.arc))
+    return state
 
 
 def _finite(tree: PyTree) -> Bool[Array, ""]:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
 from jaxtyping import PyTree
 
 import agvjax
@@ -17,22 +16,10 @@ from agvjax.engine.scalarise import scalarise, split_tree
 from agvjax.messages import Reference
 
 from ..io.files import Json
-from . import guard
+from . import guard, tables
+from .operations import INLINED, Block, Operand, Statement, Writer, flat, kept
 
-SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
 GATHERED = frozenset({"broadcast_in_dim", "concatenate", "reshape", "slice", "squeeze", "stack"})  # around a whole one
-INLINED = frozenset({"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"})
-Operand = str | float | bool
-
-
-class Operation(NamedTuple):
-    """One scalar operation: name = primitive(inputs)."""
-
-    name: str
-    primitive: str
-    inputs: tuple[Operand, ...]
-    params: Json
-    flag: bool  # whether it is a truth value; else a real number
 
 
 class Field(NamedTuple):
@@ -58,39 +45,64 @@ class Program(NamedTuple):
     """Arguments, operations in order, and results; groups of fields by what they are."""
 
     arguments: dict[str, tuple[Field, ...]]
-    operations: tuple[Operation, ...]
+    operations: tuple[Statement, ...]
     results: dict[str, tuple[Field, ...]]
 
     @property
     def read(self) -> set[Operand]:
         """What operations and results take."""
-        taken = {v for operation in self.operations for v in operation.inputs}
-        return taken | {v for fields in self.results.values() for field in fields for v in field.variables}
+        results = [v for fields in self.results.values() for field in fields for v in field.variables]
+        return Block(self.operations, tuple(results)).taken
+
+    @property
+    def given(self) -> str:
+        """The group of what is asked for: `reference`, or the `route` of a law that follows one."""
+        return list(self.arguments)[-1]
 
 
-def examples(controller: Sampled) -> tuple[PyTree, Measurement, Reference]:
-    """State, measurement and reference of the right shapes."""
+def examples(controller: Sampled) -> tuple[PyTree, Measurement, PyTree]:
+    """State, measurement, and reference or the sizes of a route, of the right shapes."""
     zero, pair = jnp.zeros(()), jnp.zeros(2)
     vehicle = controller.vehicle
     now = vehicle.output(vehicle.start(agvjax.Start()), dict.fromkeys(vehicle.actuators, zero))
     angle = None if now.steering_angle is None else zero
     seen = agvjax.Measurement(position=pair, velocity=pair, heading=zero, yaw_rate=zero, steering_angle=angle)
+    if controller.follows():
+        given = tables.Sizes(pieces=zero, legs=zero, closed=zero, length=zero, reached=zero)
+        state = jax.eval_shape(lambda m, sizes: guard.begun(controller, m, tables.asked(sizes)), seen, given)
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), state), seen, given
     reference = Reference(position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero)
     return controller.inner.init(seen, reference), seen, reference
 
 
 def step(controller: Sampled) -> Program:
     """One period: the state afterwards, the inputs of the actuators, whether anything was limited, the status."""
-    state, measurement, reference = examples(controller)
-    arguments = {"gains": controller, "state": state, "measurement": measurement, "reference": reference}
-    return _program(guard.step, arguments)
+    state, measurement, given = examples(controller)
+    arguments = {"gains": controller, "state": state, "measurement": measurement, _given(controller): given}
+
+    def function(law: Sampled, state: PyTree, measurement: Measurement, given: PyTree) -> Json:
+        return guard.step(law, state, measurement, _asked(controller, given))
+
+    return _program(function, arguments)
 
 
 def start(controller: Sampled) -> Program:
     """The state of a law that starts now."""
-    _, measurement, reference = examples(controller)
-    arguments = {"gains": controller, "measurement": measurement, "reference": reference}
-    return _program(lambda *now: {"state": guard.start(*now)}, arguments)
+    _, measurement, given = examples(controller)
+    arguments = {"gains": controller, "measurement": measurement, _given(controller): given}
+
+    def function(law: Sampled, measurement: Measurement, given: PyTree) -> Json:
+        return {"state": guard.start(law, measurement, _asked(controller, given))}
+
+    return _program(function, arguments)
+
+
+def _given(controller: Sampled) -> str:
+    return "route" if controller.follows() else "reference"
+
+
+def _asked(controller: Sampled, given: PyTree) -> Reference:
+    return tables.asked(given) if controller.follows() else given
 
 
 def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
@@ -105,15 +117,16 @@ def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
     names = [str(name) for group in fields.values() for field in group for name in field.variables]
     if odd := [name for name in names if not name.isidentifier() or names.count(name) > 1]:
         raise ValueError(f"the law calls a number {odd[0][2:42]!r}, which is no name, or that of two")
-    values: dict[PyTree, Operand] = dict(zip(closed.jaxpr.invars, names, strict=True))
-    values |= zip(closed.jaxpr.constvars, map(_constant, closed.consts), strict=True)
-    writer = _Writer()
-    outputs = iter(writer.run(closed.jaxpr, values))
+    writer = Writer()
+    taken = iter(outputs := writer.run(closed, names))
     results = {
-        group: tuple(f._replace(variables=tuple(next(outputs) for _ in f.variables)) for f in _fields(group, tree))
+        group: tuple(f._replace(variables=tuple(next(taken) for _ in f.variables)) for f in _fields(group, tree))
         for group, tree in jax.eval_shape(function, *trees).items()
     }
-    return Program(fields, writer.used(results), results)
+    operations = kept(writer.written, outputs)
+    if any(operation.params.get("table") == tables.CORRIDOR for operation in flat(operations)):
+        raise ValueError("the law looks at the corridor of the route, which is not exported")
+    return Program(fields, operations, results)
 
 
 def _fields(group: str, tree: PyTree) -> tuple[Field, ...]:
@@ -124,63 +137,3 @@ def _fields(group: str, tree: PyTree) -> tuple[Field, ...]:
         places = ("".join(f"_{i}" for i in index) for index in np.ndindex(shape))
         fields.append(Field(name, shape, tuple(f"{group[0]}_{name.replace('.', '_')}{place}" for place in places)))
     return tuple(fields)
-
-
-def _constant(value: PyTree) -> Operand:
-    array = np.asarray(value)
-    return bool(array) if array.dtype == bool else float(array)
-
-
-class _Writer:
-    """Collects operations, each distinct one once."""
-
-    def __init__(self) -> None:
-        self.operations: list[Operation] = []
-        self.seen: dict[PyTree, str] = {}
-
-    def run(self, jaxpr: core.Jaxpr, values: dict[PyTree, Operand]) -> list[Operand]:
-        """All equations of a jaxpr on scalars, calls inlined; its results."""
-
-        def read(atom: core.Var | core.Literal) -> Operand:
-            return _constant(atom.val) if isinstance(atom, core.Literal) else values[atom]
-
-        for equation in jaxpr.eqns:
-            name, inputs = equation.primitive.name, [read(v) for v in equation.invars]
-            if name in INLINED:
-                inner: PyTree = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-                consts = dict(zip(inner.jaxpr.constvars, map(_constant, inner.consts), strict=True))
-                outputs = self.run(inner.jaxpr, consts | dict(zip(inner.jaxpr.invars, inputs, strict=True)))
-                values |= zip(equation.outvars, outputs, strict=True)
-            elif name in SAME:
-                values |= zip(equation.outvars, inputs, strict=True)
-            else:
-                values[equation.outvars[0]] = self.write(equation, name, inputs)
-        return [read(v) for v in jaxpr.outvars]
-
-    def write(self, equation: core.JaxprEqn, name: str, inputs: list[Operand]) -> Operand:
-        """One operation; what is there already is not computed again."""
-        aval: PyTree = equation.outvars[0].aval
-        if aval.shape != () or len(equation.outvars) > 1:
-            raise ValueError(f"the law uses {name} on arrays, which cannot be taken apart into numbers")
-        flag = aval.dtype == bool
-        if not flag and not jnp.issubdtype(aval.dtype, jnp.floating):
-            raise ValueError(f"the law uses {name} with a result of type {aval.dtype}, where only real numbers can be")
-        source: PyTree = equation.invars[0].aval if equation.invars else aval
-        if name == "convert_element_type" and flag == (source.dtype == bool):
-            return inputs[0]
-        params = {key: equation.params[key] for key in ("y", "rounding_method") if key in equation.params}
-        key = name, tuple(map(repr, inputs)), tuple(map(repr, params.items()))
-        if key not in self.seen:
-            self.seen[key] = f"v{len(self.operations)}"
-            self.operations.append(Operation(self.seen[key], name, tuple(inputs), params, bool(flag)))
-        return self.seen[key]
-
-    def used(self, results: dict[str, tuple[Field, ...]]) -> tuple[Operation, ...]:
-        """The operations that something comes of."""
-        wanted = {v for fields in results.values() for field in fields for v in field.variables}
-        kept = []
-        for operation in reversed(self.operations):
-            if operation.name in wanted:
-                wanted |= set(operation.inputs)
-                kept.append(operation)
-        return tuple(kept[::-1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import yaml
@@ -16,27 +15,20 @@ from agvjax import leaves
 from agvjax.leaves import metadata_of
 
 from ..io.files import Json
-from . import names
+from . import names, ros2_parts
 from . import numpy as numpy_file
 from .artefact import Artefact, filled
-from .ros2_node.vehicles import VEHICLES, Accelerations
+from .ros2_node.vehicles import ON_PATHS, ON_ROUTES, VEHICLES, Accelerations
 
 TEXTS = {
     "frame": "Frame of odometry and path; messages in another are refused",
     "use_stamps": "Whether stamps of poses that increase say how fast the path is driven",
     "stamped": "Whether cmd_vel is a geometry_msgs/TwistStamped, not a geometry_msgs/Twist",
     "base_frame": "Frame that a stamped cmd_vel names",
+    "route_file": "File of the route, a route.json of `agvjax export`; empty: the one in the package",
+    "steered_behind": "Whether the steered wheel is behind the fixed axle, as the law was tuned for",
 }
-PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase"}
-TEMPLATES = Path(__file__).with_name("ros2_node")
-PLAIN = (
-    "motion.py",
-    "reference.py",
-    "odometry.py",
-    "vehicles.py",
-    "parameters.py",
-    "following.py",
-)  # the same for every law
+PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase", "wheelbase": "wheelbase"}
 NAME = "agv_path_follower"
 LEAST = 1e-12  # makes "> 0" of an array's elements: generate_parameter_library has only inclusive bounds for them
 INTEGRATED = """The law asks for {}, a robot takes velocities:
@@ -56,6 +48,12 @@ amount to by `wheel_radius` and `track` of `controller.vehicle`. They are those 
 steering angle; no Ackermann message is published, and what converts the Twist back must know the same wheelbase.
 Odometry does not tell the steering angle: the law is given the commanded one, at the start the one that rolls without
 slip.""",
+    "speed, yaw_rate": "The law asks for the velocity that `cmd_vel` carries.",
+    "left, right": """The law asks for the speeds of the wheels' rims; `cmd_vel` is the velocity they amount to by
+`track` of `controller.vehicle`. A velocity beyond the limits of the node is reduced so that the curve stays.""",
+    "speed, steering_angle": """The law asks for a speed and a steering angle; `cmd_vel` is the velocity they amount
+to by `wheelbase` of `controller.vehicle`, a yaw rate v tan(angle) / wheelbase, the other way where `steered_behind`. No
+Ackermann message is published.""",
 }
 
 
@@ -91,26 +89,28 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
     base = _kind(artefact).base
     origin = {key: fact for key, fact in artefact.provenance.items() if key != "gains"}
     substitutes = {
+        **ros2_parts.words(artefact, name),
         "NAME": name,
         "VERSION": _version(artefact),
         "PERIOD": f"{float(artefact.controller.period):g}",
-        "L": f"{float(artefact.controller.vehicle.lever() or 0.0):g}",
-        "AXLE": "the rear axle's centre" if "steering_rate" in inputs else "the middle of the axle",
         "BASE": BASE.format(", ".join(f"`{key}`" for key in base)) if base else "",
         "CONVERSION": CONVERSIONS[", ".join(inputs)],
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
     }
     templates = {"launch.py": f"launch/{name}.launch.py", "node.py": f"{name}/node.py"}  # those that move
     templates = {file: file for file in ("package.xml", "setup.py", "setup.cfg", "README.md")} | templates
-    texts = {path: filled(TEMPLATES / f"{file}.txt", substitutes) for file, path in templates.items()}
-    texts |= {f"{name}/{file}": (TEMPLATES / file).read_text(encoding="utf-8") for file in PLAIN}
-    return texts | {
-        f"resource/{name}": "",
-        f"{name}/__init__.py": f'"""Drives along a path by a control law: {artefact.provenance["generator"]}."""\n',
-        f"{name}/controller.py": numpy_file.files(artefact)[f"{numpy_file.NAME}.py"],
-        f"{name}/parameters.yaml": _yaml({name: _nested(specification)}),
-        "config/params.yaml": _yaml({"/**": {"ros__parameters": _nested(values)}}),
-    }
+    texts = {path: filled(ros2_parts.TEMPLATES / f"{file}.txt", substitutes) for file, path in templates.items()}
+    return (
+        texts
+        | ros2_parts.files(artefact, name)
+        | {
+            f"resource/{name}": "",
+            f"{name}/__init__.py": f'"""Drives along a path by a control law: {artefact.provenance["generator"]}."""\n',
+            f"{name}/controller.py": numpy_file.module(artefact, ros2_parts.DATA),
+            f"{name}/parameters.yaml": _yaml({name: _nested(specification)}),
+            "config/params.yaml": _yaml({"/**": {"ros__parameters": _nested(values)}}),
+        }
+    )
 
 
 def _stable(poles: np.ndarray) -> bool:
@@ -128,9 +128,9 @@ def parameters(artefact: Artefact) -> dict[str, Json]:
 def _inputs(artefact: Artefact, name: str) -> tuple[str, ...]:
     """The inputs of the vehicle, if a velocity can be made of them; `InputError` otherwise, or for a bad name."""
     faults, inputs = names.faults(name), tuple(artefact.provenance["inputs"])
-    kind = type(artefact.controller.vehicle).__name__
-    if inputs not in VEHICLES:
-        rule = f"with inputs a velocity can be made of: {'; '.join(map(', '.join, VEHICLES))}"
+    kind, known = type(artefact.controller.vehicle).__name__, ON_PATHS if artefact.route is None else ON_ROUTES
+    if inputs not in [kind.inputs for kind in known]:
+        rule = f"with inputs a velocity can be made of: {'; '.join(', '.join(kind.inputs) for kind in known)}"
         faults.append(agvjax.Fault("controller.vehicle", f"{kind} ({', '.join(inputs)})", rule))
     else:
         lacks = [part for part in VEHICLES[inputs].parts if f"vehicle.{part}" not in artefact.provenance["gains"]]
@@ -179,14 +179,40 @@ def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, 
 
 
 def _node(artefact: Artefact) -> dict[str, Json]:
-    """Parameters of the node; the defaults are modest for a vehicle of this size, and know nothing of the robot."""
+    """Parameters of the node; the defaults know nothing of the robot."""
+    named = {
+        "frame": _table("odom", TEXTS["frame"], {"not_empty<>": []}, read_only=True),
+        "stamped": _table(False, TEXTS["stamped"], {}, read_only=True),
+        "base_frame": _table("base_link", TEXTS["base_frame"], {}, read_only=True),
+    }
+    late = max(0.2, 3 * float(artefact.controller.period))
+    about = "Age of the newest odometry from which on the vehicle is stopped"
+    if artefact.route is None:
+        named["use_stamps"] = _table(True, TEXTS["use_stamps"], {}, read_only=False)
+        rows = _on_path(artefact)
+    else:
+        named["route_file"] = _table("", TEXTS["route_file"], {}, read_only=True)
+        if isinstance(artefact.controller.vehicle, agvjax.Ackermann):
+            behind = artefact.controller.vehicle.behind
+            named["steered_behind"] = _table(behind, TEXTS["steered_behind"], {}, read_only=True)
+        rows = ros2_parts.limits(artefact)
+    rows |= {"timeout": (late, "s", "gt", about)}
+    numbers = {
+        name: _table(float(f"{default:.6g}"), f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
+        for name, (default, unit, rule, text) in rows.items()
+    }
+    return _base(artefact) | named | numbers
+
+
+def _on_path(artefact: Artefact) -> Json:
+    """Default, unit, what must hold and text of the numbers of a node along a path, modest for a vehicle's size."""
     law, tuned = artefact.controller, artefact.provenance["speed"]["value"]
     slow, ramp, turn = 0.2, 0.3, 1.5  # m/s, on which the other speeds are measured; m/s^2; rad/s
     if "steering_rate" in artefact.provenance["inputs"]:
         vehicle = leaves(law.vehicle)
         slow = ramp = float(vehicle["slowest"])
         turn = 2 * slow * math.tan(float(vehicle["limits.steering_angle"])) / float(law.vehicle.lever() or 0.0)
-    rows = {  # default, unit, what must hold, text
+    return {
         "speed": (tuned or 2 * slow, "m/s", "gt", "Speed along a path without stamps"),
         "acceleration": (ramp, "m/s^2", "gt", "Peak acceleration of the ramps from rest and to rest"),
         "spacing": (slow / 2, "m", "gt_eq", "Poses nearer than this to the one before are left out"),
@@ -198,24 +224,7 @@ def _node(artefact: Artefact) -> dict[str, Json]:
         "max_error": (5 * slow, "m", "gt", "Distance from the reference at which the path is given up"),
         "goal_tolerance": (slow / 10, "m", "gt", "Distance from the end at which the path is finished"),
         "settling_time": (2.0, "s", "gt_eq", "Time after the end of the path at which it is finished anyway"),
-        "timeout": (
-            max(0.2, 3 * float(law.period)), "s", "gt",
-            "Age of the newest odometry from which on the vehicle is stopped",
-        ),
-    }  # fmt: skip
-    return (
-        _base(artefact)
-        | {
-            "frame": _table("odom", TEXTS["frame"], {"not_empty<>": []}, read_only=True),
-            "use_stamps": _table(True, TEXTS["use_stamps"], {}, read_only=False),
-            "stamped": _table(False, TEXTS["stamped"], {}, read_only=True),
-            "base_frame": _table("base_link", TEXTS["base_frame"], {}, read_only=True),
-        }
-        | {
-            name: _table(float(f"{default:.6g}"), f"{text} [{unit}]", {f"{rule}<>": [0.0]}, read_only=False)
-            for name, (default, unit, rule, text) in rows.items()
-        }
-    )
+    }
 
 
 def _base(artefact: Artefact) -> dict[str, Json]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..io.files import Json
-from . import guard, program
+from . import guard, program, tables
 from .artefact import Artefact
 from .program import Field
 
@@ -20,14 +20,16 @@ PLATFORMS = ("cpu", "cuda")
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     """Serialised module, its text, and what its flat arguments and results are; in double precision."""
-    law = artefact.controller
+    law, route = artefact.controller, artefact.route
 
     def flat(*leaves: PyTree) -> PyTree:  # XLA's module has its name
-        gains, *now = jax.tree.unflatten(treedef, leaves)
-        computed = guard.step(gains, *now)
+        gains, state, measurement, given = jax.tree.unflatten(treedef, leaves)
+        computed = guard.step(gains, state, measurement, given if route is None else tables.followed(route, given))
         return tuple(x for group in RESULTS for x in jax.tree.leaves(computed[group]))
 
-    leaves, treedef = jax.tree.flatten((law, *program.examples(law)))
+    state, seen, given = program.examples(law)
+    given = given if route is None else tables.numbers(route)
+    leaves, treedef = jax.tree.flatten((law, state, seen, given))
     shapes = [jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in leaves]
     depth = jax.config.values["jax_traceback_in_locations_limit"]
     jax.config.update("jax_traceback_in_locations_limit", 0)  # no folders of this machine in it
@@ -53,11 +55,19 @@ def signature(artefact: Artefact) -> Json:
             {"group": g, "name": f.name, "shape": [*f.shape], "unit": units.get((g, f.name), "")} for g, f in fields
         ]
 
+    numbers = {} if artefact.route is None else tables.numbers(artefact.route)
+    about = {name: tables.UNITS[name] for name in numbers if name in tables.UNITS}
+    about |= {table.name: table.meaning for table in tables.TABLES.values()}
+    laid = [
+        {"group": "route", "name": name, "shape": [*np.shape(x)], "unit": about[name]} for name, x in numbers.items()
+    ]
+    arguments = {group: fields for group, fields in step.arguments.items() if group != "route"}
     return {
         "dtype": "float64",
-        "arguments": entries(step.arguments),
+        "arguments": entries(arguments) + laid,
         "results": entries({group: step.results[group] for group in RESULTS}),
         "gains": {name: fact["value"] for name, fact in facts.items()},
+        "route": {name: x.tolist() for name, x in numbers.items()},
         "status": {"not_finite": guard.STATUS["NOT_FINITE"], "started": guard.STATUS["STARTED"]},
         "provenance": artefact.provenance,
     }

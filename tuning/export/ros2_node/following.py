@@ -5,68 +5,31 @@ It moves only while it has a path and fresh odometry, and is within reach of the
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from .odometry import measured, unwrapped, yaw
+from .driver import Driver
 from .reference import Reference, timing
-from .vehicles import VEHICLES
 
-GAINS = "controller."  # what the names of the law's parameters begin with
 LIMITS = ("speed", "acceleration", "max_speed", "max_yaw_rate")
 SLOWEST = 1e-4  # of `speed`: stamps that ask for less have not been set
 CHANGED = 0.25  # of the speed asked for: a path that replaces another and is driven as fast is no news
 OVER = "a path is sent again that was finished or given up: it is not begun again unless an empty one is sent before"
 
 
-class Step(NamedTuple):
-    """What to command for a period, and what there is to say."""
-
-    speed: float = 0.0  # m/s
-    yaw_rate: float = 0.0  # rad/s
-    error: str = ""  # why it stands still although there is a path
-    info: str = ""  # what happened, once
-    warning: str = ""  # what is not done as it was sent, once
-
-
-class Follower:
+class Follower(Driver):
     """One vehicle, one path at a time. Times are in seconds of one clock, that of the odometry's stamps."""
 
     def __init__(self, controller, inputs, period, values):
-        """The class `Controller` of controller.py, its INPUTS and its PERIOD [s], and the parameters by name."""
-        self.new_controller, self.period = controller, period
-        self.controller: Any = None
-        self.configure(values)
-        prefix = f"{GAINS}vehicle."
-        parts = {name[len(prefix) :]: value for name, value in values.items() if name.startswith(prefix)}
-        self.vehicle = VEHICLES[tuple(inputs)](parts)
-        self.measurement, self.stamp, self.heading, self.velocity = None, 0.0, None, (0.0, 0.0)
+        """See `Driver`."""
+        super().__init__(controller, inputs, period, values)
         self.reference: Any = None
         self.time: Any = None  # s, since the path was joined
         self.over: Any = None  # the reference that was driven, once it is finished or given up
         self.before: Any = None  # the reference that is replaced, and its time [s]
         self.order: Any = None  # timing and limits with which the newest path was sent
-        self.moving = False  # whether the law runs
-        self.warned, self.warning, self.share = set(), "", 1.0  # what was said; of the speed asked for, the share
-        self.periods = self.clipped = 0  # periods driven, and those in which the node kept back some of the velocity
-
-    def configure(self, values):
-        """Take these parameters from now on; the state of the law stays."""
-        self.values = dict(values)
-        gains = {name[len(GAINS) :]: value for name, value in values.items() if name.startswith(GAINS)}
-        before, self.controller = self.controller, self.new_controller(gains)
-        if before is not None:
-            self.controller.state = before.state
-
-    def sense(self, position, quaternion, speed, yaw_rate, stamp):
-        """Odometry of the axle: position (2,) [m] and quaternion (x, y, z, w), speed and yaw rate of the vehicle.
-
-        Raises ValueError where it is no measurement; the one before then ages on.
-        """
-        heading = unwrapped(yaw(*quaternion), self.heading)
-        self.measurement = measured(position, heading, speed, yaw_rate, self.vehicle.L)
-        self.heading, self.velocity, self.stamp = heading, (speed, yaw_rate), stamp
+        self.warned, self.share = set(), 1.0  # what was said; of the speed asked for, the share
 
     def follow(self, points, times=None):
         """Drive along these points (N, 2) [m] from where the vehicle is; no points at all are the order to stop.
@@ -138,27 +101,16 @@ class Follower:
         behind = np.interp(front, last.kept, last.spline.knots) <= at
         return bool(front == 0 or behind or ahead <= self.values["max_error"])
 
-    def step(self, now):
-        """The command from `now` [s] until a period later."""
-        if self.reference is None:
-            return self._stop()
-        age = abs(now - self.stamp)
-        if self.measurement is None or not age <= self.values["timeout"]:
-            late = "none yet" if self.measurement is None else f"the last is of {age:.2f} s from now"
-            return self._stop(error=f"no odometry newer than {self.values['timeout']:g} s: {late}")
-        try:
-            return self._drive({**self.measurement, **self.vehicle.seen()})
-        except ValueError as problem:
-            self._drop(None if self.time is None else self.reference)
-            return self._stop(error=f"path given up: {problem}")
+    def ordered(self):
+        """While there is a path."""
+        return self.reference is not None
+
+    def _give_up(self):
+        self._drop(None if self.time is None else self.reference)
 
     def _stop(self, error="", info=""):
-        self.moving, self.time, self.before = False, None, None
-        return Step(error=error, info=info, warning=self._said())
-
-    def _said(self):
-        said, self.warning = self.warning, ""
-        return said
+        self.time, self.before = None, None
+        return super()._stop(error, info)
 
     def _drive(self, measurement):
         info = self._begin(measurement) if self.time is None else ""
@@ -173,14 +125,9 @@ class Follower:
         if not self.moving:
             self.controller.start(measurement, asked)
             self.moving = True
-        wanted = self.vehicle.wanted(self.controller.step(measurement, asked), self.period)
-        if self.controller.status == "NOT_FINITE" or not np.all(np.isfinite(wanted)):
-            raise ValueError("the law asks for a velocity that is not finite")
-        sent = self._limited(*wanted)
-        self.vehicle.sent(*sent)
-        self.periods, self.clipped = self.periods + 1, self.clipped + (sent != wanted)
+        step = self._sent(self.controller.step(measurement, asked), info)
         self.time += self.period
-        return Step(*self.vehicle.command(*sent, self.values), info=info, warning=self._said())
+        return step
 
     def _begin(self, measurement):
         """Join the path at the place of it that is abreast; a path that replaces another goes on at its pace."""

@@ -126,4 +126,55 @@ class Steering(Accelerations):
         return speed, self.L / base["base_wheelbase"] * yaw_rate
 
 
-VEHICLES = {kind.inputs: kind for kind in (Accelerations, Torques, WheelSpeeds, Steering)}
+class Twists(Accelerations):
+    """Speed [m/s] and yaw rate [rad/s], as a law that follows a route asks for: a velocity already."""
+
+    inputs = ("speed", "yaw_rate")
+    parts = ()
+
+    def __init__(self, parts):
+        """See `Accelerations`; what is measured is the middle of the fixed axle."""
+        super().__init__({**parts, "L": 0.0})
+
+    def wanted(self, inputs, period):
+        """Speed [m/s] and yaw rate [rad/s]."""
+        return inputs["speed"], inputs["yaw_rate"]
+
+
+class RimSpeeds(Twists):
+    """Speeds of the rims of two driven wheels [m/s]."""
+
+    inputs = ("left", "right")
+    parts = ("track",)
+    base = {"base_track": "track"}
+
+    def wanted(self, inputs, period):
+        """Speed [m/s] and yaw rate [rad/s]."""
+        left, right = inputs["left"], inputs["right"]
+        return (left + right) / 2, (right - left) / self.of["track"]
+
+    def command(self, speed, yaw_rate, base):
+        """The velocity that the base makes the speeds of these rims of."""
+        return speed, self.of["track"] / base["base_track"] * yaw_rate
+
+
+class SteeringAngles(Twists):
+    """Speed [m/s] of the fixed axle and angle [rad] of a steered wheel; w = +-v tan(angle) / wheelbase."""
+
+    inputs = ("speed", "steering_angle")
+    parts = ("wheelbase",)
+    base = {"base_wheelbase": "wheelbase"}
+
+    def wanted(self, inputs, period):
+        """Speed [m/s] and yaw rate [rad/s]; the wheel is `behind` where it turns the vehicle the other way."""
+        side = -1.0 if self.of["behind"] else 1.0
+        return inputs["speed"], side * inputs["speed"] * math.tan(inputs["steering_angle"]) / self.of["wheelbase"]
+
+    def command(self, speed, yaw_rate, base):
+        """The velocity that the base makes this steering angle of."""
+        return speed, self.of["wheelbase"] / base["base_wheelbase"] * yaw_rate
+
+
+ON_PATHS = (Accelerations, Torques, WheelSpeeds, Steering)
+ON_ROUTES = (Twists, RimSpeeds, SteeringAngles)
+VEHICLES = {kind.inputs: kind for kind in (*ON_PATHS, *ON_ROUTES)}
