@@ -35,6 +35,7 @@ class Ridden:
     way: Float[Array, ""]  # m
     beyond: Float[Array, ""]  # s
     excess: Float[Array, ""]  # m
+    excess_late: Float[Array, ""]
     lateral: Float[Array, ""]  # m/s^2
     jerk: Float[Array, ""]  # m^2/s^5
     stuck: Float[Array, ""]  # s
@@ -78,6 +79,7 @@ def update(tally: Ridden, sample: Sample, weights: tuple[Array, Array], late: Re
         way=tally.way + whole * ride.speed,
         beyond=tally.beyond + whole * (over > 0).astype(whole.dtype),
         excess=jnp.maximum(tally.excess, over),
+        excess_late=jnp.maximum(tally.excess_late, jnp.where(t >= late, over, 0)),
         lateral=jnp.maximum(tally.lateral, jnp.abs(own * ride.yaw_rate)),
         jerk=tally.jerk + whole * jerk**2,
         stuck=tally.stuck + whole * stuck.astype(whole.dtype),
@@ -118,6 +120,7 @@ def finish(tally: Ridden, ok: Bool[Array, ""], horizon: Array, late: Real) -> Fo
         pace=judged(jnp.where(moved, horizon / jnp.where(moved, tally.way, 1.0), jnp.inf)),
         outside_corridor=judged(tally.beyond / horizon),
         corridor_excess=judged(tally.excess),
+        corridor_excess_late=jnp.where(rest > 0, judged(tally.excess_late), jnp.nan),
         lateral_acceleration=judged(tally.lateral),
         jerk=root(tally.jerk),
         standstill=judged(tally.stuck / horizon),

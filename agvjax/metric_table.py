@@ -80,6 +80,7 @@ METRICS: dict[str, Metric] = {
         Metric("pace", "s/m", route=True),
         Metric("outside_corridor", "share of the time", route=True),
         Metric("corridor_excess", "m", route=True),
+        Metric("corridor_excess_late", "m", route=True),
         Metric("lateral_acceleration", "m/s^2", route=True),
         Metric("jerk", "m/s^3", route=True),
         Metric("standstill", "share of the time", route=True),
@@ -119,6 +120,7 @@ class Followed:
     pace: Float[Array, ""]  # s/m, time for each metre of the route: the inverse of the mean speed along it
     outside_corridor: Float[Array, ""]  # share of the time; 0 without a corridor
     corridor_excess: Float[Array, ""]  # m, the most beyond it
+    corridor_excess_late: Float[Array, ""]  # the most after `Criteria.late`
     lateral_acceleration: Float[Array, ""]  # m/s^2, largest |v w|
     jerk: Float[Array, ""]  # m/s^3, root of the mean square, by differences from step to step
     standstill: Float[Array, ""]  # share of the time in which it stands although something is asked of it

@@ -62,6 +62,10 @@ class Law:
         """Whether it follows a route by where the vehicle is, and not the clock."""
         return False
 
+    def faster(self, factor: float) -> Law:
+        """The law for a path that is driven so many times as fast; one that has a speed of its own changes it."""
+        return self
+
     def control_period(self) -> Real | None:
         """Time [s] between control instants of a law that runs on a clock of its own; None: as the run says."""
         return None

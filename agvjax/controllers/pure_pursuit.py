@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -42,6 +44,10 @@ class RegulatedPurePursuit(Regulated):
         scaled, fixed = ("lookahead_time", "min_lookahead_dist", "max_lookahead_dist"), ("lookahead_dist",)
         regulation = REGULATION if self.use_regulated_linear_velocity_scaling else ()
         return (*(scaled if self.use_velocity_scaled_lookahead_dist else fixed), *regulation)
+
+    def faster(self, factor: float) -> RegulatedPurePursuit:
+        """With the speed that it wants so many times as high."""
+        return dataclasses.replace(self, desired_linear_vel=factor * self.desired_linear_vel)
 
     def look_ahead(self, speed: Array) -> Float[Array, ""]:
         """The look-ahead [m] at a speed [m/s]."""

@@ -46,6 +46,10 @@ class Wrapping(Law):
         """Whether the inner law follows a route."""
         return self.inner.follows()
 
+    def faster(self, factor: float) -> Law:
+        """The same around the inner law for a path that is driven so many times as fast."""
+        return dataclasses.replace(self, inner=self.inner.faster(factor))  # pyright: ignore[reportArgumentType]
+
     def control_period(self) -> Real | None:
         """The inner law's clock [s]."""
         return self.inner.control_period()

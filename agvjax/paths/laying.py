@@ -131,7 +131,7 @@ class Laid:
 class _Timed:
     """A path by arc length that is given by time."""
 
-    def __init__(self, path: Path, end: float):
+    def __init__(self, path: Path, end: float, faster: float):
         def rates(t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
             def motion(time: jax.Array) -> tuple[jax.Array, jax.Array]:
                 return jax.jvp(path, (time,), (jnp.ones_like(time),))
@@ -139,7 +139,7 @@ class _Timed:
             (position, velocity), (_, acceleration) = jax.jvp(motion, (t,), (jnp.ones_like(t),))
             return position, velocity, acceleration
 
-        self.rates = jax.jit(jax.vmap(rates))
+        self.rates, self.faster = jax.jit(jax.vmap(rates)), faster
         self.arc = Integral(self._pace, np.linspace(0, end, FEWEST + 1))
 
     def _at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,11 +162,11 @@ class _Timed:
         return position, tangent, bend
 
     def speed(self, s: np.ndarray) -> np.ndarray:
-        """The path's own [m/s]."""
-        return self._pace(self.arc.where(s))
+        """The path's own [m/s], times what was asked for."""
+        return self.faster * self._pace(self.arc.where(s))
 
 
-def along(path: Path, until: float | None) -> Laid:
+def along(path: Path, until: float | None, faster: float = 1.0) -> Laid:
     """A path as a route; see `Route.along`."""
     lap, end = path.lap(), path.end()
     closed = until is None and lap is not None
@@ -174,7 +174,7 @@ def along(path: Path, until: float | None) -> Laid:
     if not (np.isfinite(end) and end > 0):
         raise ValueError(f"until must be given, finite and > 0, for a path without lap or end; got {until}")
     t = np.linspace(0, end, 257)
-    curve = _Timed(path, end)
+    curve = _Timed(path, end, faster)
     position, velocity, _ = curve._at(t)
     pace = np.linalg.norm(velocity, axis=1)
     if not np.all(np.isfinite(pace)) or np.any(pace <= 1e-9 * pace.max()):

@@ -52,20 +52,27 @@ class Route(Path):
 
     @classmethod
     def along(
-        cls, path: Path, *, until: float | None = None, limits: SpeedLimits | None = None, half_width: ArrayLike = 0.0
+        cls,
+        path: Path,
+        *,
+        until: float | None = None,
+        faster: float = 1.0,
+        limits: SpeedLimits | None = None,
+        half_width: ArrayLike = 0.0,
     ) -> Route:
         """The route of any path, at its own speed.
 
         Args:
             path: with a lap or an end, or `until` [s] says how much of it.
-            until: where the route ends; None takes the path's lap (closed) or end.
+            until: where [s] the route ends by the path's clock; None takes the path's lap (closed) or end.
+            faster: times the path's own speed.
             limits: what the speed is reduced to; see `SpeedLimits`.
             half_width: of a corridor [m], one or left and right; 0: no corridor.
 
         Raises:
             ValueError: a path without an end, or one that stands still or has a corner.
         """
-        return cls._of(along(path, until), limits, half_width)
+        return cls._of(along(path, until, faster), limits, half_width)
 
     @classmethod
     def through(

@@ -17,7 +17,8 @@ tune.search.iterations=1 ensemble.size=2 ensemble.validation_size=2 sweep.sample
 pareto.points=1 identify.starts=1 identify.bootstrap=2 identify.drives=0
 """.split()
 COMMANDS = ("simulate", "tune", "sweep", "pareto", "doctor", "identify", "export", "reproduce", "compare", "vehicles")
-WEIGHTS = (30, 15, 15, 6, 6, 12, 10, 2, 2, 2)
+COMMANDS += ("speed",)
+WEIGHTS = (30, 15, 15, 6, 6, 12, 10, 2, 2, 2, 2)
 RUNS = ("simulate", "sweep", "tune", "export", "pareto", "doctor", "identify")  # of those that are meant to be taken
 RUN_WEIGHTS = (60, 15, 5, 20, 1, 1, 2)
 VALUES = """
@@ -43,7 +44,7 @@ backstepping full_weight osfc asmc dfc ftsmc super_twisting_ftsmc event_triggere
 ELEMENTS = "deadzone saturation quantisation lag backlash rate_limit".split()  # a delay has slots to be set with it
 DRIVE = (Path(__file__).parents[2] / "notebooks" / "logs" / "robot-excited.csv").read_bytes().splitlines(keepends=True)
 LONG = ("tune", "pareto", "doctor")  # to compile, of any other vehicle
-STUDIES = ("reproduce", "compare", "vehicles")  # minutes, whatever is set: they are only to be refused
+STUDIES = ("reproduce", "compare", "vehicles", "speed")  # minutes, whatever is set: they are only to be refused
 PRESETS = ("", "unicycle", "car", "robot")
 DEBRIS = (
     b"",
@@ -61,6 +62,7 @@ FLAGS = {
     "tune": ["--resume", "--num-processes", "--process-id", "--coordinator"],
     "sweep": ["--resume", "--over", "--ensemble", "--samples", "--design", "--controller", "--process-id"],
     "identify": ["--unseen", "--fit"],
+    "speed": ["--within", "--resume"],
     "export": ["--format", "--name"],
 }
 COMMON = ["--seed", "--precision", "--config", "--set", "--import", "--quiet"]

@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from agvjax import InputError
 
+from ..config import Config
 from ..config.complete import by_whole_error
-from ..studies.laws import page, study
+from ..studies.laws import followers, followers_page, page, study
 from ..studies.paper import cases
 from ..tune.rules import faults, moving
+from .console import Console
 from .folders import new_folder
 from .prepare import configure
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune every law to one command budget; write table, figure and report."""
+    """Tune every law to one command budget; write table, figure and report.
+
+    Of a configuration whose law follows a route these are the laws that drive a base, of any other those of the paper.
+    """
     config, console = configure(arguments, faults, moving=moving)
-    config = by_whole_error(config)
-    if bad := cases.faults(config.controller, config.scenario):
+    routed = config.controller.follows()
+    config = config if routed else by_whole_error(config)
+    if bad := followers.faults(config) if routed else cases.faults(config.controller, config.scenario):
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)
+    text = _followers(console, config, out) if routed else _papers(console, config, out)
+    console.say(text, f"written to {out}; begin with {out}/report.html")
+    return 0
+
+
+def _papers(console: Console, config: Config, out: Path) -> str:
     with console.parts(len(study.laws(config.controller)) + 1, "law", (RuntimeError, ValueError)) as tick:
         comparison, tuned = study.compare(config, tick)
-    console.say(page.write(comparison, tuned, out), f"written to {out}; begin with {out}/report.html")
-    return 0
+    return page.write(comparison, tuned, out)
+
+
+def _followers(console: Console, config: Config, out: Path) -> str:
+    with console.parts(len(followers.laws(config)) + 1, "law", (RuntimeError, ValueError)) as tick:
+        comparison, tuned = followers.compare(config, tick)
+    return followers_page.write(comparison, tuned, out)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TextIO
 
 from ..export import FORMATS
-from ..io.numbers import integer
+from ..io.numbers import integer, real
 from .early import end_at_once
 
 
@@ -105,6 +105,14 @@ SWEEP = Command(
         _flag("--resume", "refuse to begin anew; the same command goes on by itself"),
     ),
 )
+SPEED = Command(
+    "how fast a vehicle may go on its route, tuned at every speed, and where that binds",
+    (
+        _option("--within", type=real, metavar="M", help="m that it may lie off the route (default: its corridor)"),
+        _flag("--resume", "go on with the run in --out, to the same result"),
+    ),
+    "--config base --within 0.05",
+)
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
@@ -130,6 +138,7 @@ COMMANDS = {
     "tune": TUNE,
     "sweep": SWEEP,
     "pareto": Command("tune along a moving limit: the front of error against command"),
+    "speed": SPEED,
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
     "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
     "compare": Command("tune every law to the same command budget and judge it on unseen scenarios"),

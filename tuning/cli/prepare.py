@@ -48,7 +48,7 @@ def configure(
     jax.config.update("jax_enable_x64", config.precision == 64)
     compiled.keep_compiled()
     way = method(config.tune.optimizer)
-    reverse = arguments.command in ("tune", "pareto") and not way.forward(config.tune, len(names_of(config)))
+    reverse = arguments.command in ("tune", "pareto", "speed") and not way.forward(config.tune, len(names_of(config)))
     speed = agvjax.tune_xla(reverse=reverse)
     _meet(arguments)
     if wrong := whereabouts.faults(config, moving(config)):

@@ -20,7 +20,8 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
     "sweep.export": "absent: in Python, tuning.load(folder).to_xarray() is the table, to be written in any form",
 }
 
-LATER = {"tune.screen"}  # keys that earlier releases did not have: a run of theirs goes on without what they ask for
+# keys that earlier releases did not have: a run of theirs goes on without what they ask for
+LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
 
 
 def warned(text: str) -> None:

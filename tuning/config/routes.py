@@ -16,7 +16,7 @@ from .spellings import Toml, numbers
 
 MADE = (agvjax.Waypoints, agvjax.Route)  # paths that are no shapes
 SHAPES = {name: cls for name, cls in CLASSES["scenario.path"].items() if cls is not None and cls not in MADE}
-LAYING = ("closed", "radius", "tolerance", "until", "limits", "half_width")
+LAYING = ("closed", "radius", "tolerance", "until", "faster", "limits", "half_width")
 FLAGS = ("closed",)
 
 
@@ -27,17 +27,18 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
         agvjax.InputError: with keys of the table.
     """
     given = {name: _value(table, name) for name in LAYING if name in table}
-    limits = _limits(table.get("limits", {}))
+    quicker = given.get("faster", 1.0)
+    limits = _limits(table.get("limits", {})).faster(quicker)
     half_width = given.get("half_width", 0.0) if widths is None else widths
     common = {"limits": limits, "half_width": half_width}
     key = "along" if rows is None else "file" if "file" in table else "points"
     try:
         if rows is None:
             _absent(table, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
-            route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), **common)
+            route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), faster=quicker, **common)
         else:
             _absent(table, ("until",), "but where the route is along a shape")
-            points, speed = rows[:, :2], rows[:, 2] if rows.shape[1] == 3 else 1.0
+            points, speed = rows[:, :2], quicker * (rows[:, 2] if rows.shape[1] == 3 else 1.0)
             closed = given.get("closed", False)
             corner = {name: given[name] for name in ("radius", "tolerance") if name in given}
             lay: Any = agvjax.Route.corners if corner else agvjax.Route.through
@@ -60,6 +61,22 @@ def table_of(route: agvjax.Route) -> dict[str, Toml]:
     return json.loads(route.made) if route.made else {"points": "laid in Python"}
 
 
+def faster(route: agvjax.Route, factor: float) -> agvjax.Route:
+    """The route driven so many times as fast, with the square of it as the limit of lateral acceleration.
+
+    Its limits on speeding up and slowing down stay. Laid again: its pieces, and so all shapes of arrays, stay too.
+
+    Raises:
+        ValueError: Python laid it, so that nothing is known of its limits.
+    """
+    if not route.made:
+        raise ValueError("a route that Python laid cannot be laid again at another speed: lay it of a table")
+    table = table_of(route)
+    rows = np.asarray(table["points"], float) if "points" in table else None
+    widths = None if rows is None else np.asarray(table["half_width"], float)
+    return laid({**table, "faster": factor * table.get("faster", 1.0)}, rows, widths)
+
+
 def _absent(table: Mapping[str, Toml], names: tuple[str, ...], why: str) -> None:
     wrong = [agvjax.Fault(name, table[name], f"absent {why}") for name in names if name in table]
     if wrong:
@@ -76,6 +93,8 @@ def _value(table: Mapping[str, Toml], name: str) -> Any:
             raise agvjax.InputError([agvjax.Fault(name, value, "true or false")])
         return value
     array = numbers(value)
+    if name == "faster" and (array is None or array.ndim or not 0 < array < np.inf):
+        raise agvjax.InputError([agvjax.Fault(name, value, "a number > 0, times the speed")])
     if array is None or not array.size or (array.ndim and name != "half_width"):
         rule = "a number in m, left and right, or a pair for each point" if name == "half_width" else "a number"
         raise agvjax.InputError([agvjax.Fault(name, value, rule)])

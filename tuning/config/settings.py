@@ -185,6 +185,18 @@ class Pareto:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Speed:
+    """How far a vehicle may lie off its route, and the speeds that are tried, in multiples of the route's own."""
+
+    within: float = number(0.0, "m, 0: the route's corridor", NONNEGATIVE)
+    after: float = number(8.0, "s at the route's own speed, as much way at any other: then the start is over", POSITIVE)
+    low: float = number(0.5, "times", POSITIVE)
+    high: float = number(2.0, "times", POSITIVE)
+    points: int = number(7, "speeds from low to high", STARTS)
+    halvings: int = number(3, "of the gap between a speed that holds and the next that does not", ROUNDS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Bound:
     """Beyond what a run has failed: in multiples of the nominal run with the configured gains, or absolute."""
 
@@ -250,6 +262,7 @@ class Config:
     ensemble: Ensemble = dataclasses.field(default_factory=Ensemble)
     tune: Tune = dataclasses.field(default_factory=Tune)
     pareto: Pareto = Pareto()
+    speed: Speed = Speed()
     sweep: Sweep = Sweep()
     identify: Identify = dataclasses.field(default_factory=Identify)
 

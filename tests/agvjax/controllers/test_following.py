@@ -161,6 +161,7 @@ def by_hand(run, line_of, horizon, late):
         "pace": horizon / (way[-1] - way[0]),
         "outside_corridor": mean((np.abs(e) > 0.15).astype(float)),
         "corridor_excess": max(np.abs(e).max() - 0.15, 0),
+        "corridor_excess_late": max(np.abs(e[after]).max() - 0.15, 0),
         "standstill": mean((still & asked).astype(float)),
         "lateral_acceleration": np.abs(speed * yaw_rate).max(),
         "speed_error": np.sqrt(mean((speed * np.cos(e_psi) - np.array(profile)) ** 2)),
@@ -186,6 +187,9 @@ def test_metrics_are_those_of_the_trajectory(rectangle):
     for name, rel in close.items():
         assert float(getattr(found, name)) == pytest.approx(wanted[name], rel=rel), name
     assert float(found.outside_corridor) > 0 and float(found.corridor_excess) > 0.05
+    soon, beyond = agvjax.measure(run, Criteria(late=1.0)).followed, by_hand(run, line, n * DT, 1.0)
+    assert float(soon.corridor_excess_late) == pytest.approx(beyond["corridor_excess_late"], rel=5e-3)
+    assert float(found.corridor_excess) > float(soon.corridor_excess_late) > float(found.corridor_excess_late) == 0
     assert float(found.standstill) == pytest.approx(wanted["standstill"], abs=2 * DT / (n * DT))
     at = np.flatnonzero(float(route.length) - wanted["way"] <= 0.02)
     assert at.size and float(found.time_to_finish) == pytest.approx(float(run.t[at[0]]), abs=2 * DT)

@@ -1,0 +1,47 @@
+"""`agvjax speed`: how fast a vehicle may go on its route."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from agvjax import Fault, InputError
+
+from ..config import Config
+from ..studies.speed import page
+from ..studies.speed.rules import faults
+from ..studies.speed.study import Study, long_enough, search
+from ..studies.speed.tried import Saved
+from ..tune.rules import moving
+from .console import RunFailed
+from .folders import new_folder, same_folder
+from .prepare import configure, warn
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune at one speed after another; write the curve, the place that binds, and the fastest configuration."""
+    if arguments.within is not None and not arguments.within > 0:
+        raise InputError([Fault("--within", arguments.within, "> 0 m; left out: within the route's corridor")])
+    within = None if arguments.within is None else {"speed.within": arguments.within}
+    given, console = configure(arguments, faults, within, moving)
+    config = long_enough(given)
+    out = _folder(arguments, config)
+    saved = Saved(out)
+    warn(console, config, "tune", "simulate", moving=moving(config))
+    if config.simulate.horizon > given.simulate.horizon:
+        text = f"runs are {config.simulate.horizon:g} s long (simulate.horizon = {given.simulate.horizon:g})"
+        console.note(f"{text}, so that the slowest speed sees the whole route")
+    console.say("tuning at one speed after another; the first start compiles for minutes")
+    study, settings = Study(config), config.speed
+    with console.parts(settings.points + settings.halvings, "speed", (RuntimeError,)) as tick:
+        tried = search(study, saved.tried, saved.keep, lambda factor: tick(f"x {factor:.3g}"))
+        told = page.write(study, tried, out)
+    console.say(told.text, f"written to {out}; begin with {out}/report.html")
+    if told.failure:
+        raise RunFailed(told.failure)
+    return 0
+
+
+def _folder(arguments: argparse.Namespace, config: Config) -> Path:
+    make = same_folder if arguments.resume else new_folder
+    return make(arguments.out, arguments.command, config)

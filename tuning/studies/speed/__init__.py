@@ -1,0 +1,1 @@
+"""How fast may it go, and where on the route does that bind?"""

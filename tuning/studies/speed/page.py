@@ -1,0 +1,160 @@
+"""What was found of the highest speed: sentences, table, figures, page, and the configuration of the answer."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import agvjax
+
+from ...config import dump
+from ...io import files
+from ...io.pages import grid, html
+from ...io.pictures import Drawing, write_figures
+from . import figures
+from .place import Place, place
+from .study import Study, at
+from .tried import Answer, Tried, answer
+
+FASTEST = "fastest.toml"
+
+
+class Told(NamedTuple):
+    """What is printed, and why nothing holds; empty where something does."""
+
+    text: str
+    failure: str
+
+
+def asked(within: float) -> str:
+    """What a vehicle is to keep, in words."""
+    return f"within {1e3 * within:g} mm of the route" if within else "within the corridor"
+
+
+def sentences(tried: list[Tried], found: Answer, within: float, size: int) -> list[str]:
+    """The answer, and what should be known of it."""
+    best, above = found
+    if best is None:
+        slow = tried[0]
+        return [f"At no speed that was tried all of {size} unseen vehicles stay {asked(within)}. {_why(slow, within)}"]
+    first = (
+        f"Up to {best.speed:.3g} m/s ({best.factor:.3g} times the configured speed, lateral acceleration of the profile"
+        f" {best.lateral:.3g} m/s^2) each of {size} unseen vehicles stays {asked(within)}: {1e3 * best.worst:.1f} mm at"
+        f" worst, driven at {best.driven:.3g} m/s on average."
+    )
+    said = [first]
+    if above is None:
+        said.append("That is the highest speed tried: it may go faster, speed.high says how fast to try.")
+    else:
+        said.append(_why(above, within))
+    lost = [t for t in tried if t.factor < best.factor and not t.holds(within)]
+    if lost:
+        slower = ", ".join(f"{t.speed:.3g}" for t in lost)
+        said.append(f"It is not so at every lower speed: at {slower} m/s it does not hold. Look at the curve.")
+    if best.short:
+        rule = "where it would bind further on is not known (simulate.horizon, or a vehicle that stands)"
+        said.append(f"{best.short} of the {size} vehicles do not see the whole route at that speed: {rule}.")
+    quicker = [t for t in tried if t.factor < best.factor and t.driven >= 0.99 * best.driven and t.holds(within)]
+    if quicker:
+        least = quicker[0]
+        rule = "law or vehicle hold it back"
+        said.append(f"Asking for more than {least.speed:.3g} m/s hardly makes it drive faster: {rule}.")
+    return said
+
+
+def _why(tried: Tried, within: float) -> str:
+    """Why a speed does not hold."""
+    begun = f"At {tried.speed:.3g} m/s"
+    if tried.why:
+        return f"{begun} nothing could be tuned: {tried.why}."
+    if tried.diverged:
+        return f"{begun} {tried.diverged} diverge."
+    far = f"{begun} the worst lies {1e3 * tried.worst:.1f} mm off"
+    if not within:
+        far += f", {1e3 * tried.outside:.1f} mm beyond the corridor"
+    return f"{far}, and limits cannot be met." if tried.excess else f"{far}."
+
+
+def table(tried: list[Tried], within: float) -> str:
+    """A row a speed."""
+    header = ["speed [m/s]", "times", "lateral [m/s^2]", "driven [m/s]", "worst [mm]", "mean [mm]"]
+    header += ["worst, configured gains [mm]", "holds", "limits", "not the whole route", "iterations"]
+    rows = [
+        [t.speed, t.factor, t.lateral, t.driven, 1e3 * t.worst, 1e3 * t.mean, 1e3 * t.start]
+        + ["yes" if t.holds(within) else "no", "met" if t.excess == 0 else "not met", t.short, t.iterations]
+        for t in tried
+    ]
+    return grid(header, rows)
+
+
+def write(study: Study, tried: list[Tried], out: Path) -> Told:
+    """Everything into the folder of a run."""
+    config, within = study.config, study.config.speed.within
+    found = answer(tried, within)
+    places = [place(study, t) for t in found if t is not None and not t.why]
+    names = study.names
+    columns = [name for name in Tried._fields if name not in ("z", "gains", "why")]
+    rows = [[*(t._asdict()[name] for name in columns), t.holds(within), *t.gains] for t in tried if not t.why]
+    files.write_csv(out / "speed.csv", [*columns, "holds", *names], rows)
+    if found.best is not None:
+        quick = at(config, found.best.factor)
+        files.write(out / FASTEST, dump(dataclasses.replace(quick, controller=study.law(found.best))))
+    drawings: dict[str, Drawing] = {"speed": lambda: figures.curve(tried, found, config)}
+    if places:
+        drawings["place"] = lambda: figures.places(places, config)
+    lost = write_figures(out, drawings)
+    said = sentences(tried, found, within, config.ensemble.validation_size)
+    said += [f"At {p.tried.speed:.3g} m/s it binds {p.words}." for p in places]
+    text = _page(study, tried, said, places)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "How fast may it go?"))
+    return Told("\n".join([*said, *lost]), "" if found.best is not None else said[0])
+
+
+# long: one template
+def _page(study: Study, tried: list[Tried], said: list[str], places: list[Place]) -> str:
+    config, within = study.config, study.config.speed.within
+    names, lines = study.names, "\n".join(f"* {line}" for line in said[1:])
+    law = config.controller.inner if isinstance(config.controller, agvjax.Sampled) else config.controller
+    gains = grid(["speed [m/s]", *names], [[t.speed, *t.gains] for t in tried if not t.why])
+    limits, unseen = ", ".join(config.tune.limits) or "none", config.ensemble.validation_size
+    where = "![place](place.png)\n" if places else ""
+    run = ""
+    if answer(tried, within).best is not None:
+        run = f"\nThe fastest that holds is `{FASTEST}`: `agvjax simulate --config {FASTEST}`, in this folder.\n"
+    return f"""# How fast may it go?
+
+**{said[0]}**
+
+{lines}
+{run}
+{type(law).__name__} on {type(config.scenario.plant).__name__}, runs of {config.simulate.horizon:g} s. Distances are the
+largest of a run to the nearest point of the route, of {unseen} vehicles that were not tuned on. They count when the
+start is over: after {config.speed.after:g} s at the configured speed, and after as much way at any other.
+
+![speed](speed.png)
+
+{where}
+## Every speed that was tried
+
+{table(tried, within)}
+
+"Times" multiplies the speed of the route, and its square the lateral acceleration that the route's limits allow; what
+they say of speeding up and slowing down stays. At every speed the {len(names)} gains are tuned anew on
+{config.ensemble.size} vehicles, from the best of {config.tune.screen} gain sets looked at and from the gains of the
+nearest speed tried before, for the goal of the configuration. Its limits ({limits}) are multiples of what the
+configured gains do **at that same speed**: a gain set may not buy its accuracy by driving slower than they would there.
+"Driven" is the mean speed along the route, which may be less than what is asked for: laws slow down in turns, and
+vehicles speed up no faster than they can. A speed holds where every vehicle does what was asked and the limits are met
+on the vehicles tuned on.
+
+The search goes over {config.speed.points} speeds from {config.speed.low:g} to {config.speed.high:g} times, then halves
+the gap above the highest that holds up to {config.speed.halvings} times. Between the speeds tried nothing is known.
+
+## The gains
+
+{gains}
+
+Made by `agvjax speed`, seed {config.seed}. agvjax {agvjax.__version__}.
+"""
