@@ -12,6 +12,7 @@ import tuning
 from agvjax import leaves
 from commands import ROOT, arguments, run
 from tuning import config as configuration
+from tuning.config.old import difference
 
 OLD = ROOT / "tests" / "data" / "before-rooms"
 NEW = {"rmse": "total_rmse", "chatter": "total_chatter", "settling_time": "longest_settling_time"}
@@ -108,3 +109,10 @@ def test_an_old_sweep_is_loaded_and_completed_to_the_same_findings(sweep, tmp_pa
     run(arguments("sweep", out, (), "--config", OLD / sweep / "config.toml", "--resume"))
     ours, theirs = (json.loads((folder / "findings.json").read_text()) for folder in (out, OLD / sweep))
     same(*({renamed(name): x for name, x in numbers(each).items()} for each in (ours, theirs)), 10)
+
+
+def test_a_run_of_before_is_told_when_it_would_be_judged_otherwise():
+    old = "[simulate]\nhorizon = 12.0\n"
+    usual = "criteria.late = 4.0\ncriteria.band = 0.05\ncriteria.margin = 1.0\n"
+    assert difference(old, usual + old) == ""
+    assert difference(old, usual.replace("4.0", "2.0") + old) == "was `criteria.late = 4.0`; is `criteria.late = 2.0`"

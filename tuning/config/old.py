@@ -23,6 +23,8 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
 # keys that earlier releases did not have: a run of theirs goes on without what they ask for
 LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
 
+FIXED = {"criteria.band": 0.05, "criteria.late": 4.0, "criteria.margin": 1.0}  # what earlier releases judged by
+
 
 def warned(text: str) -> None:
     """What is old, to whoever wrote it in Python."""
@@ -85,6 +87,7 @@ def difference(old: str, new: str) -> str:
         ValueError: one of them is no TOML.
     """
     before, now = (dict(flat(present(toml(text), lambda name: None), ())) for text in (old, new))
+    before = {key: value for key, value in FIXED.items() if key in now} | before
     gone = {key for key, value in before.items() if key in RETIRED and not value} | (LATER - set(before))
     keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key) and key not in gone]
     lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]

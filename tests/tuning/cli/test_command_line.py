@@ -86,6 +86,7 @@ def test_simulate_writes_the_samples_it_promises(simulated):
     )
 
 
+@pytest.mark.slow
 def test_what_a_compiler_says_of_programs_it_kept_is_no_concern_of_the_user(simulated, tmp_path):
     """openxla/xla issue 44565: on processors with AVX-512 two lines of 2000 characters for each at a second start."""
     for name in ("once", "again"):  # the fixture has run it before, but perhaps in a cache of another session

@@ -9,7 +9,6 @@ from commands import ROOT
 from tuning.cli.main import main, parser
 from tuning.cli.nav2_file import TUNED, ParameterFile
 from tuning.config.load import load
-from tuning.config.write import dump
 
 COURIER = ROOT / "tests" / "data" / "nav2" / "courier.yaml"
 FLEET = ROOT / "tests" / "data" / "nav2" / "fleet.yaml"
@@ -56,10 +55,3 @@ def test_a_file_that_cannot_be_used_is_said_with_exit_code_2(options, words, cap
     said = capsys.readouterr().err
     assert all(word in said for word in words) and "Traceback" not in said, said
     assert not (tmp_path / "out").exists()
-
-
-def test_a_law_that_follows_a_route_is_not_exported_and_says_so(tmp_path, capsys):
-    gains = tmp_path / "gains.toml"
-    gains.write_text(dump(load(["base"], [])))
-    assert main(["export", str(gains), "--format", "c", "--out", str(tmp_path / "c")]) == 2
-    assert "controller.inner = RegulatedPurePursuit: must be a law that goes by the clock" in capsys.readouterr().err

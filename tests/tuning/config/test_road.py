@@ -164,6 +164,7 @@ def test_too_small_a_step_is_named_with_the_step_that_would_do():
         assert fault.key == "simulate.dt" and fault.rule.startswith(rule)
 
 
+@pytest.mark.slow
 def test_a_sweep_keeps_the_control_interval_of_the_runs(tmp_path):
     """A law that jumps at control instants is swept at the interval at which it is simulated: 20 ms, and not 10."""
     law, values = agvjax.FractionalBackstepping(), (0.5, 1.0)
