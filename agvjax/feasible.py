@@ -28,6 +28,7 @@ from .scenario import Scenario
 POINTS = 4001
 PAST = 30.0  # lengths L of travel after which where a heading began is forgotten: exp(-30)
 SLACK, TINY = 1e-3, 1e-6  # share of a limit, and what, it may be exceeded by without a word
+STANDS = 1e-3  # share of the largest speed: a path that ends slower than that comes to rest
 RATE = "rate of "
 
 
@@ -103,8 +104,8 @@ def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     said, plant = [], scenario.plant
     if not found.needs:
         said.append(f"{type(plant).__name__}: does not say what following a path takes")
-    if ends:
-        last, pace = scenario.path.end(), found.path_speed[-1]
+    last, pace = scenario.path.end(), found.path_speed[-1]
+    if ends and pace > STANDS * found.path_speed.max():
         said.append(f"the path ends after {last:.3g} s of {horizon:.3g} s: it stops at once from {pace:.3g} m/s")
     said += _reverses(found, plant)
     exceeded = [_exceeded(name, _unit(plant, name), found, *bounds[name]) for name in found.needs if name in bounds]

@@ -107,6 +107,14 @@ def test_a_path_that_ends_early_is_said():
     assert said[0].startswith("the path ends after 2.")
 
 
+@pytest.mark.parametrize("stop", [True, False])
+def test_a_route_that_comes_to_rest_does_not_stop_at_once(stop):
+    limits = agvjax.SpeedLimits(acceleration=0.5, deceleration=0.5, stop=stop)
+    route = agvjax.Route.through([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], 1.0, limits=limits)
+    said = agvjax.path_warnings(Scenario.of(agvjax.TwistBase(), path=route), 12.0)
+    assert said == ([] if stop else ["the path ends after 2 s of 12 s: it stops at once from 1 m/s"])
+
+
 def test_the_command_line_says_it_before_the_run(tmp_path, capsys):
     settings = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=0.2", "simulate.horizon=3"]
     assert cli.main(arguments("simulate", tmp_path / "run", [*settings, "simulate.save_every=100"])) == 0
