@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -105,8 +105,13 @@ def _worse(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> l
     return lines
 
 
-def worst_case(objective: Objective, worst: Sequence[Found], baseline: np.ndarray) -> list[str]:
-    """What is to be said of the worst scenarios that were found, where they are over a limit."""
+def worst_case(
+    objective: Objective, worst: Sequence[Found], baseline: np.ndarray, there: Mapping[str, float]
+) -> list[str]:
+    """What is to be said of the worst scenarios that were found: over a limit, or worse than the starting gains are.
+
+    `there` is what the starting gains have of each metric in the worst scenario that was found of it.
+    """
     bounds, lines = worst_bounds(objective, baseline), []
     for one in worst:
         bound = bounds.get(one.metric, np.inf)
@@ -116,6 +121,9 @@ def worst_case(objective: Objective, worst: Sequence[Found], baseline: np.ndarra
         elif one.value > (1 + TOLERANCE) * bound:
             over = f"{one.value / bound - 1:.0%} above the limit {bound:.4g}"
             lines.append(f"{place} has {one.metric} {one.value:.4g}, {over} (tune.search.rounds tunes with it)")
+        elif one.value > (1 + WORSE) * there.get(one.metric, np.inf):
+            than = f"where the starting gains have {there[one.metric]:.4g}"
+            lines.append(f"{place} has {one.metric} {one.value:.4g}, {than} (tune.search.rounds tunes with it)")
     return lines
 
 

@@ -82,13 +82,13 @@ def judge(outcome: Outcome) -> TuneVerdict:
     criteria, budget = config.criteria, problem.tuner.budget
     long = config.simulate.horizon > criteria.late
     useless, cautions = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long)
-    cautions += caveats.worst_case(objective, outcome.found, baseline)
+    there = _start_at_worst(outcome)
+    cautions += caveats.worst_case(objective, outcome.found, baseline, there)
     cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)
     if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):
         cautions.append("nothing better than the starting gains was found: the gains are those")
     cautions += [*_unit(outcome), *([outcome.stopped] if outcome.stopped else [])]
     worst = unseen[after["validation"].worst_index]
-    there = _start_at_worst(outcome)
     return TuneVerdict(before, after, findings, over, conflict, useless, cautions, tuned_on[0], there, worst)
 
 

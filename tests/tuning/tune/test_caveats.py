@@ -88,8 +88,16 @@ def test_limits_hold_relative_to_the_starting_gains_in_the_same_scenarios():
 def test_the_worst_case_is_held_against_the_limit(value, text):
     objective = Objective(goals=GOAL, limits=within({"effort": 2.0}))
     baseline = np.full((3, 2), 5.0)  # mean, worst, tail of total_rmse and effort
-    lines = caveats.worst_case(objective, [Found("effort", value, {}, 1, 1, 1)], baseline)
+    lines = caveats.worst_case(objective, [Found("effort", value, {}, 1, 1, 1)], baseline, {"effort": 20.0})
     assert (text in lines[0]) if text else lines == []
+
+
+@pytest.mark.parametrize(("value", "said"), [(4.1, False), (4.3, True)])  # 4 and 5 %
+def test_a_worst_case_that_the_starting_gains_stand_better_is_said_where_no_limit_is_on_it(value, said):
+    objective, baseline = Objective(goals=GOAL, limits=()), np.full((3, 1), 5.0)
+    lines = caveats.worst_case(objective, [Found("total_rmse", value, {}, 1, 1, 1)], baseline, {"total_rmse": 4.0})
+    assert len(lines) == said
+    assert all("has total_rmse 4.3, where the starting gains have 4 (tune.search.rounds" in line for line in lines)
 
 
 def test_gains_at_a_bound_other_than_0_are_named():
