@@ -60,13 +60,18 @@ class Simulate:
     control_every: int = number(1, "steps", COUNT)
 
 
+USUAL = agvjax.Criteria()
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Criteria:
     """How runs are judged: when an error has settled, and from when on it is a late one; see `agvjax.Criteria`."""
 
-    band: float = number(0.05, "m, m, rad", POSITIVE, "reading R10")
-    late: float = number(4.0, "s", NONNEGATIVE, "past the transient")
-    margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
+    band: float = number(USUAL.band, "m, m, rad", POSITIVE, "reading R10")
+    late: float = number(float(USUAL.late), "s", NONNEGATIVE, "past the transient")
+    margin: float = number(
+        USUAL.margin, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled"
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,7 +108,7 @@ WHOLE_ERROR = {"total_rmse": Weights(mean=1.0, worst=0.3)}  # the goal of the pr
 
 
 def default_goals(
-    known: Collection[str] = METRICS, horizon: object = np.inf, follows: bool = False, late: float = 4.0
+    known: Collection[str] = METRICS, horizon: object = np.inf, follows: bool = False, late: float = float(USUAL.late)
 ) -> dict[str, Weights]:
     """The error of the whole run, which is that of its start, and of each channel what is left after the start.
 

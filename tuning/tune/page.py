@@ -185,12 +185,12 @@ def _worse(outcome: Outcome) -> list[str]:
 
 
 def _screened(run: Run) -> str:
-    """What was looked at before the first iteration."""
+    """What was looked at before the first iteration, and again where a round led nowhere."""
     seen = run.screened
     if seen is None:
         return ""
     lost = f", every run of {seen.lost} of them diverged" if seen.lost else ""
-    return f"{seen.looked} gain sets looked at first, at the price of {seen.rollouts} rollouts of the ensemble{lost}. "
+    return f"{seen.looked} gain sets looked at, at the price of {seen.rollouts} rollouts of the ensemble{lost}. "
 
 
 def _smooth_note(names: Sequence[str]) -> str:

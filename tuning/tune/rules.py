@@ -10,7 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax.leaves import element
-from agvjax.metric_table import metrics_of
+from agvjax.metric_table import METRICS, metrics_of
 
 from ..config import ends, rules
 from ..config.ends import Moving
@@ -100,7 +100,7 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
     known = metrics_of(config.scenario)
     for key, names in (("goals", tune.goals), ("limits", tune.limits)):
         found += [
-            agvjax.Fault(f"tune.{key}.{name}", "asked for", "absent: this plant's heading cannot be commanded")
+            agvjax.Fault(f"tune.{key}.{name}", "asked for", f"absent: {_why_not(name)}")
             for name in names
             if name not in known
         ]
@@ -111,6 +111,13 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
             rule = f">= {LEAST_LIMIT:g}, a ratio to the starting gains or with absolute = true the value; inf for none"
             found.append(agvjax.Fault(key, value, rule))
     return found
+
+
+def _why_not(metric: str) -> str:
+    """Why a scenario does not have a metric."""
+    if METRICS[metric].route:
+        return "it is of a route, and scenario.path is none"
+    return "this plant's heading cannot be commanded"
 
 
 def _boxes(config: Config) -> list[agvjax.Fault]:

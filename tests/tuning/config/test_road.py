@@ -372,3 +372,8 @@ def test_from_when_on_an_error_is_late_and_what_has_settled_are_what_the_configu
         load([], ["criteria.late=-1"])
     with pytest.raises(InputError, match=r"criteria\.band = 0.0: must be finite and > 0"):
         load([], ["criteria.band=0"])
+
+
+def test_what_is_asked_of_a_route_where_there_is_none_is_told_so():
+    with pytest.raises(InputError, match=r"tune\.limits\.pace = .*: must be absent: it is of a route, and"):
+        pose(load([], ["tune.limits.pace.mean=1"]))
