@@ -37,14 +37,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
-    parser.add_argument("--seeds", type=int, default=1, help="of each problem")
+    parser.add_argument("--seeds", type=int, default=1, help="searches of each problem")
     parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     given = parser.parse_args()
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or ())
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES with 20 times our rollouts, at most {given.most}."}
+    notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES once, with {given.most} rollouts."}
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)

@@ -1,16 +1,19 @@
 """Problems that others pose, in benchmarks/problems/: `agvjax tune` beside what people use instead.
 
-Same objective, ensemble and compiled rollout for all. Ours screens and then searches; CMA-ES gets 20 times its
-rollouts, up to `MOST`, and begins again elsewhere where it has converged; Optuna's TPE, random search and
-Nelder-Mead get as many rollouts as ours took in all. Every method's best is the set with the least excess over the
-limits and, of these, the lowest goal, which is how the tuner compares; peers are asked to minimise goal + 30 x excess.
-Where every run diverges with the configured gains, the unit of all costs is that of our screening.
+Same objective, ensemble and compiled rollout for all. Ours screens and then searches; CMA-ES is the reference: it gets
+`MOST` rollouts, once, and begins again elsewhere where it has converged; Optuna's TPE, random search and Nelder-Mead
+get as many rollouts as ours took in all (TPE at most 600). Seeds are those of the searches: the ensemble stays the
+same, so all costs of a problem are of one function and the best of anybody is one number. Every method's best is the
+set with the least excess over the limits and, of these, the lowest goal, which is how the tuner compares; peers are
+asked to minimise goal + 30 x excess. Where every run diverges with the configured gains, the unit of all costs is that
+of our screening.
 
 `python -m benchmarks problems --seeds 5 --most 20000 --only agv late`; without options one seed and `MOST`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import multiprocessing
 import statistics
 import time
@@ -20,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .tuning import Recorder, Spent, search
+from .tuning import TPE_BUDGET, Recorder, Spent, search
 
 FOLDER = Path(__file__).with_name("problems")
 POSED: dict[str, tuple[str, ...]] = {  # presets and files of classes that each is given besides
@@ -42,9 +45,9 @@ POSED: dict[str, tuple[str, ...]] = {  # presets and files of classes that each 
     "ball-beam": ("rigs.py",),
     "cart-pole": ("rigs.py",),
 }
-PEERS = {"cma": 20, "tpe": 1, "random": 1, "nelder-mead": 1}  # with how many times our rollouts
+PEERS = ("cma", "tpe", "random", "nelder-mead")
 EXCESS = 30.0  # what a peer pays for an excess
-MOST = 1500  # rollouts of CMA-ES
+MOST = 1500  # rollouts of CMA-ES, once
 
 
 def load(name: str, settings: tuple[str, ...] = ()) -> Any:
@@ -78,8 +81,8 @@ class Best:
             self.rank = min(self.rank, (excess, goal))
 
 
-def attempt(name: str, seed: int, most: int) -> list[dict[str, Any]]:
-    """Every method on one problem, ours first."""
+def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
+    """Every method on one problem from every seed, ours first; CMA-ES from the first seed alone."""
     import agvjax
 
     agvjax.tune_xla(devices=1)
@@ -88,48 +91,56 @@ def attempt(name: str, seed: int, most: int) -> list[dict[str, Any]]:
     jax.config.update("jax_enable_x64", True)
     from tuning.tune.problem import pose
 
-    problem = pose(load(name, (f"seed={seed}",)))._replace(adversary=Nobody())
-    ours, tuner = solved(problem)
-    rows = [{"method": "sqp", "seed": seed, "gains": len(tuner.gains.names)} | ours]
-    start = np.asarray(tuner.gains.coordinates(tuner.controller))
+    problem = pose(load(name))._replace(adversary=Nobody())
+    jax.block_until_ready(
+        problem.tuner.push(problem.tuner.gains.coordinates(problem.config.controller), problem.tuner.scenarios())
+    )
+    jax.block_until_ready(problem.screen.tuner.roll(*problem.screen.example()))
+    rows = []
+    for seed in range(seeds):
+        ours, tuner = solved(problem._replace(screen=dataclasses.replace(problem.screen, seed=seed)))
+        rows.append({"method": "sqp", "seed": seed, "gains": len(tuner.gains.names)} | ours)
     try:
         _ = tuner.baseline
     except RuntimeError:
         return rows  # nothing to measure anybody in
     judge = jax.jit(lambda z: tuner.objective.score(*tuner.values(z, tuner.scenarios()), tuner.baseline))
+    start = np.asarray(tuner.gains.coordinates(tuner.controller))
     judge(start).cost.block_until_ready()
-    for peer, times in PEERS.items():
-        best, recorder = Best(), Recorder(min(most, times * ours["rollouts"]) if peer == "cma" else ours["rollouts"])
-
-        def cost(z: Any, best: Best = best, recorder: Recorder = recorder) -> float:
-            excess, goal = (float(x) for x in tuner.objective.ranks(judge(np.asarray(z, float))))
-            best.saw(excess, goal)
-            value = goal + EXCESS * excess
-            recorder.saw(value, 1)
-            return value if np.isfinite(value) else 1e12
-
-        try:
-            search(peer, cost, start, seed, elsewhere=True)
-        except Spent:
-            pass
-        seconds = time.process_time() - recorder.begin
-        rows.append(
-            {"method": peer, "seed": seed, "excess": best.rank[0], "goal": best.rank[1], "rollouts": recorder.rollouts}
-            | {"seconds": seconds}
-        )
+    look = lambda z: tuner.objective.ranks(judge(np.asarray(z, float)))  # noqa: E731
+    for own in list(rows):
+        budget = own["rollouts"]
+        budgets = {"tpe": min(budget, TPE_BUDGET), "random": budget, "nelder-mead": budget}
+        budgets |= {} if own["seed"] else {"cma": most}
+        rows += [spent(method, look, start, own["seed"], budget) for method, budget in budgets.items()]
     return rows
+
+
+def spent(method: str, look: Any, start: np.ndarray, seed: int, budget: int) -> dict[str, Any]:
+    """What a peer comes to with so many rollouts."""
+    best, recorder = Best(), Recorder(budget)
+
+    def cost(z: Any) -> float:
+        excess, goal = (float(x) for x in look(z))
+        best.saw(excess, goal)
+        value = goal + EXCESS * excess
+        recorder.saw(value, 1)
+        return value if np.isfinite(value) else 1e12
+
+    try:
+        search(method, cost, start, seed, elsewhere=True)
+    except Spent:
+        pass
+    row = {"method": method, "seed": seed, "excess": best.rank[0], "goal": best.rank[1]}
+    return row | {"rollouts": recorder.rollouts, "seconds": time.process_time() - recorder.begin}
 
 
 def solved(problem: Any) -> tuple[dict[str, Any], Any]:
     """What our tuner comes to, and its tuner, which knows the unit of costs; a tuning that breaks off says why."""
-    import jax
-
     from tuning.tune.judge import judge
     from tuning.tune.rounds import solve
 
     tuner, searched = problem.tuner, []
-    jax.block_until_ready(tuner.push(tuner.gains.coordinates(tuner.controller), tuner.scenarios()))
-    jax.block_until_ready(problem.screen.tuner.roll(*problem.screen.example()))
     begin = time.process_time()
     try:
         outcome = solve(problem, searching=lambda: searched.append(time.process_time() - begin))
@@ -151,23 +162,22 @@ def measure(seeds: int = 1, most: int = MOST, only: Sequence[str] = ()) -> list[
     rows = []
     for name in only or POSED:
         with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-            runs = [run for seed in range(seeds) for run in pool.apply(attempt, (name, seed, most))]
-        rows.append(compared(name, runs))
+            rows.append(compared(name, pool.apply(attempts, (name, seeds, most))))
         print(rows[-1], flush=True)
     return rows
 
 
 def compared(name: str, runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """A row of the table, medians over the seeds."""
+    """A row of the table: ours of every seed, the peers' medians, ratios to the best of anybody's."""
     by = {method: [run for run in runs if run["method"] == method] for method in ("sqp", *PEERS)}
-    ratios = []
-    for i, own in enumerate(by["sqp"]):
-        best = min((runs[i]["excess"], runs[i]["goal"]) for runs in by.values() if len(runs) > i)
-        ratios.append(_ratio((own["excess"], own["goal"]), best))
-    ours = by["sqp"]
-    row: dict[str, Any] = {"problem": name, "gains": ours[0]["gains"]}
-    row |= {method: " ".join(_shown(run["excess"], run["goal"]) for run in runs) for method, runs in by.items()}
-    row |= {"of_best": statistics.median(ratios)}
+    best = min((run["excess"], run["goal"]) for run in runs)
+    ours, ratios = by["sqp"], sorted(_ratio((own["excess"], own["goal"]), best) for own in by["sqp"])
+    row: dict[str, Any] = {"problem": name, "gains": ours[0]["gains"], "best": _shown(*best)}
+    row |= {"sqp": [_shown(own["excess"], own["goal"]) for own in ours]}
+    for method in PEERS:
+        ranks = sorted((run["excess"], run["goal"]) for run in by[method])
+        row |= {method: _shown(*ranks[len(ranks) // 2]) if ranks else "none"}
+    row |= {"of_best": statistics.median(ratios), "worst_of_best": ratios[-1]}
     row |= {f"rollouts_{m}": statistics.median(r["rollouts"] for r in by[m]) for m in ("sqp", "cma") if by[m]}
     row |= {f"seconds_{m}": statistics.median(r["seconds"] for r in by[m]) for m in ("sqp", "cma") if by[m]}
     row |= {"exit": [run["exit"] for run in ours], "validation": ours[0].get("validation", "")}
