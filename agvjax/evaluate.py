@@ -122,9 +122,8 @@ def evaluate(  # long: half of it says what each argument is
             dtype=dtype,
             meter=Criteria() if criteria is None else criteria,
         )
-        carry, _, last = rollout.run(None)
-        tally = rollout.meter.update(carry.meter, last, rollout.weights(n_steps))
-        return rollout.meter.finish(tally, carry.ok, rollout.end)
+        carry = rollout.metered()
+        return rollout.meter.finish(carry.meter, carry.ok, rollout.end)
 
     sizes = {x.size for x in (controller, batch) if isinstance(x, Batch)}
     if len(sizes) > 1:

@@ -60,7 +60,7 @@ def simulate(
         dtype=dtype,
         meter=Meter(),
     )
-    carry, samples, last = rollout.run(save_every)
+    carry, samples, last = rollout.sampled(save_every)
     samples = jax.tree.map(lambda x, end: jnp.concatenate([x, end[None]]), samples, last)
     norms = jax.vmap(lambda _, state: controller.weight_norms(state))(samples.t, samples.controller)
     return Trajectory(**vars(samples), weight_norm=norms, ok=carry.ok)

@@ -23,6 +23,7 @@ import agvjax
 from agvjax.engine.rollout import Rollout
 from agvjax.engine.scalarise import scalarise, split_tree
 from agvjax.leaves import swap
+from agvjax.timing import Timing
 
 from .__main__ import RESULTS, machine, table
 from .rollout import ensemble
@@ -41,12 +42,12 @@ def in_registers(controller: Any, scenario: Any, values: Any, n_steps: int, bloc
     from jax.experimental import pallas as pl
 
     criteria, dtype = agvjax.Criteria(), jnp.float32
-    settings = {"dt": DT, "n_steps": n_steps, "control_every": 1, "integrator": agvjax.RK4, "dtype": dtype}
+    timing = Timing(dt=DT, n_steps=n_steps, control_every=1, integrator=agvjax.RK4)
 
     def rollout(v: Any) -> Rollout:
-        return Rollout(controller, swap(scenario, v), meter=criteria, **settings)
+        return Rollout(controller, swap(scenario, v), meter=criteria, timing=timing, dtype=dtype)
 
-    shared = Rollout(controller, scenario, meter=criteria, **settings)
+    shared = Rollout(controller, scenario, meter=criteria, timing=timing, dtype=dtype)
     begin = jax.vmap(lambda v: rollout(v).begin())(values)
     rows = shared.table(jnp.array(0), n_steps)
     first = [jax.tree.map(lambda x: x[0], tree) for tree in (begin, rows, values)]

@@ -103,8 +103,8 @@ class Sampled(Wrapping):
         if jax.tree.leaves(self.inner.hold(measurement, reference)):
             raise ValueError(f"Sampled runs laws without memory; {type(self.inner).__name__} has some: put it outside")
         state = self.inner.init(measurement, reference)
-        first = self.step(state, measurement, reference)
-        nothing = jax.tree.map(jnp.zeros_like, first.command)
+        asked = jax.eval_shape(lambda: self.step(state, measurement, reference).command)
+        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), asked)
         return Computed(law=state, command=nothing, limited=jnp.zeros((), bool))
 
     def jump(

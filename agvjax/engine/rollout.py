@@ -25,7 +25,8 @@ from ..timing import Timing
 from . import loop
 from .scalarise import MOST_SCALARS, scalarise, split_tree
 
-CHUNK = 100  # steps whose time-only signals are tabulated at once; also the unit of checkpointing
+CHUNK = 100  # steps, about, whose time-only signals are tabulated at once; also the unit of checkpointing
+FEW_CHUNKS = 64  # fewer make one group
 
 
 @pytree
@@ -61,7 +62,7 @@ TimeOnly = tuple[Reference, Array]  # what the path asks for, and the shape of t
 class Row(NamedTuple):
     """What of a step depends on time alone; of several steps with one more leading axis."""
 
-    number: Array  # from 0
+    number: Array  # from 0; the last instant's where there is no further step
     h: Array  # s, its length
     t: Array  # s, instants of the integrator's nodes
     signals: TimeOnly  # at these
@@ -155,7 +156,8 @@ class Rollout:
         return jax.vmap(self.row)(first + jnp.arange(steps))
 
     def row(self, index: Array) -> Row:
-        """All of one step that depends on time alone."""
+        """All of one step that depends on time alone; past the end that of the last instant, with no weight."""
+        past_end, index = index > self.n_steps, jnp.minimum(index, self.n_steps)
         (begin, moved, past), (_, moved_next, short) = self.instant(index), self.instant(index + 1)
         h = self.dt + (moved_next - moved) if self.jumps else self.dt
         nodes = self.integrator.nodes
@@ -163,7 +165,8 @@ class Rollout:
         sides = [past if node == 0 else -short if node == 1 else jnp.zeros_like(h) for node in nodes]
         t, sides = jnp.stack(t), jnp.stack(sides)
         signals = jax.vmap(self.time_only)(t, sides) if self.jumps else jax.vmap(self.time_only)(t)
-        return Row(index, h, t, signals, self.weights(index))
+        weights = jax.tree.map(lambda x: jnp.where(past_end, jnp.zeros_like(x), x), self.weights(index))
+        return Row(index, h, t, signals, weights)
 
     def begin(self) -> Carry:
         """The first carry."""
@@ -192,8 +195,12 @@ class Rollout:
         return jax.lax.cond(index % self.every == 0, renew, lambda: carry.memory)
 
     def step(self, carry: Carry, row: Row) -> tuple[Carry, loop.Sample]:
-        """One step: memory, derivative, integrator, latch. Also returns the sample at its start."""
+        """One step: memory, derivative, integrator, latch. Also returns the sample at its start.
+
+        From the last instant on nothing moves any more: its sample is the same however often it is looked at.
+        """
         index, h, t, table, weights = row
+        ended = index >= self.n_steps
         nodes = range(len(self.integrator.nodes))
         signals = [self.signals(t[i], jax.tree.map(lambda x, i=i: x[i], table)) for i in nodes]
         memory = self.control(carry, index, h if self.jumps else self.dt, signals[0])
@@ -203,9 +210,10 @@ class Rollout:
 
         flow, sample = self.integrator.advance(rate, carry.flow, h if self.jumps else self.dt, signals)
         near = memory.route.position if isinstance(memory.route, Place) else signals[-1].reference.position
-        ok = carry.ok & loop.inside(self.scenario, flow.plant, near)
+        ok = carry.ok & (ended | loop.inside(self.scenario, flow.plant, near))
+        moves = ok & ~ended
         flow, memory = jax.tree.map(
-            lambda new, old: jnp.where(ok, new, old), (flow, memory), (carry.flow, carry.memory)
+            lambda new, old: jnp.where(moves, new, old), (flow, memory), (carry.flow, carry.memory)
         )
         return Carry(flow=flow, memory=memory, ok=ok, meter=self.meter.update(carry.meter, sample, weights)), sample
 
@@ -219,35 +227,51 @@ class Rollout:
         now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
         return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
 
-    def run(self, save_every: int | None) -> tuple[Carry, loop.Sample | None, loop.Sample]:
-        """All steps: the last carry, the samples at every `save_every` steps (None without), and the last sample."""
+    def _metered(self, carry: Carry, first: Array) -> tuple[Carry, None]:
+        """A chunk of steps of which no sample is kept."""
+        return self._steps(carry, self.table(first, self._chunks[-1])), None
+
+    @property
+    def _chunks(self) -> tuple[int, int, int]:
+        """Groups, chunks in each, and steps in a chunk: all steps and one look at the end, and few more.
+
+        One size for all, so that a step is compiled once; what is too much looks at the end again, see `row`.
+        """
+        chunks = max(1, round((self.n_steps + 1) / CHUNK))
+        inner = chunks if chunks < FEW_CHUNKS else round(chunks**0.5)
+        groups = -(-chunks // inner)
+        return groups, inner, -(-(self.n_steps + 1) // (groups * inner))
+
+    def metered(self) -> Carry:
+        """The carry after all steps, with the last sample in the meter."""
+        groups, inner, size = self._chunks
+        chunk = jax.checkpoint(self._metered, prevent_cse=False)  # reverse mode keeps one carry a chunk
+
+        def group(carry: Carry, first: Array | int) -> tuple[Carry, None]:
+            return jax.lax.scan(chunk, carry, first + size * jnp.arange(inner))
+
+        if groups == 1:
+            return group(self.begin(), 0)[0]
+        group = jax.checkpoint(group, prevent_cse=False)  # and one carry a group, then those of the chunks of one
+        return jax.lax.scan(group, self.begin(), size * inner * jnp.arange(groups))[0]
+
+    def sampled(self, save_every: int) -> tuple[Carry, loop.Sample, loop.Sample]:
+        """All steps: the last carry, the samples at every `save_every` steps, and the last sample."""
 
         def save(carry: Carry, rows: Row) -> tuple[Carry, loop.Sample]:
             after, sample = self.step(carry, _first(rows))
             return after if save_every == 1 else self._steps(carry, rows), sample
 
-        def chunk(carry: Carry, first: Array, count: int) -> tuple[Carry, loop.Sample | None]:
-            rows = self.table(first, count)
-            if save_every is None:
-                return self._steps(carry, rows), None
-            rows = jax.tree.map(lambda x: x.reshape(-1, save_every, *x.shape[1:]), rows)
+        def chunk(carry: Carry, first: Array, count: int) -> tuple[Carry, loop.Sample]:
+            rows = jax.tree.map(lambda x: x.reshape(-1, save_every, *x.shape[1:]), self.table(first, count))
             return jax.lax.scan(save, carry, rows)
 
-        chunk = jax.checkpoint(chunk, prevent_cse=False, static_argnums=2)  # reverse mode keeps one carry a chunk
-        size = CHUNK if save_every is None else save_every * max(1, CHUNK // save_every)
+        chunk = jax.checkpoint(chunk, prevent_cse=False, static_argnums=2)
+        size = save_every * max(1, CHUNK // save_every)
         carry, parts = self.begin(), []
         whole, rest = divmod(self.n_steps, size)
         if whole:
-            several, inner = _groups(whole) if save_every is None else (1, whole)
-
-            def group(carry: Carry, first: Array | int) -> tuple[Carry, loop.Sample | None]:
-                return jax.lax.scan(lambda c, k: chunk(c, k, size), carry, first + size * jnp.arange(inner))
-
-            if several == 1:
-                carry, samples = group(carry, 0)
-            else:  # reverse mode keeps one carry a group, and those of the chunks of one group
-                group = jax.checkpoint(group, prevent_cse=False)
-                carry, samples = jax.lax.scan(group, carry, size * inner * jnp.arange(several))
+            carry, samples = jax.lax.scan(lambda c, k: chunk(c, k, size), carry, size * jnp.arange(whole))
             parts.append(jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), samples))
         if rest:
             carry, samples = chunk(carry, jnp.array(whole * size), rest)
@@ -280,12 +304,6 @@ def _check_contracts(controller: Law, scenario: Scenario) -> None:
             raise TypeError(
                 f"{name}: {kind} must derive from agvjax.{base.__name__}: class {kind}(agvjax.{base.__name__})"
             )
-
-
-def _groups(chunks: int) -> tuple[int, int]:
-    """Number and size of groups of chunks, both near the root; one group where there are few or none divides them."""
-    inner = next(g for g in range(int(chunks**0.5), 0, -1) if chunks % g == 0)
-    return (1, chunks) if chunks < 64 or inner < 5 else (chunks // inner, inner)
 
 
 def _first(rows: PyTree) -> PyTree:

@@ -13,6 +13,7 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -250,10 +251,11 @@ class Route(Path):
             cosine = (x_ahead * x_rate + y_ahead * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
             return (x - x0) ** 2 + (y - y0) ** 2 + 2 * weight**2 * (1 - cosine)
 
+        def nearer(arc: Array) -> Array:
+            return self._kept(self._piece(arc, leg).nearest(position, arc, 1 / on.pace), leg)
+
         arc = self.least(score, (0, 1, 6, 7), on.beyond) / on.pace
-        for _ in range(3):
-            arc = self._kept(self._piece(arc, leg).nearest(position, arc, 1 / on.pace), leg)
-        return self._at(arc, leg)
+        return self._at(self.again(nearer, 3, arc), leg)
 
     def _kept(self, arc: Array, leg: Array) -> Array:
         """Within the leg, or on the lap."""
@@ -265,6 +267,10 @@ class Route(Path):
         return self.by_kind(lambda: jnp.full_like(leg, jnp.inf), lambda: self.of_leg(leg).ends)
 
     # All that the loop looks up in its tables; an exporter looks them up in a language of its own.
+
+    def again(self, function: Callable[[Array], Array], times: int, value: Array) -> Array:
+        """A function of its own result, so many times; compiled once."""
+        return jax.lax.fori_loop(0, times, lambda _, x: function(x), value)
 
     def by_kind(self, closed: Callable[[], Array], opened: Callable[[], Array]) -> Array:
         """A value of a closed route, or that of an open one."""

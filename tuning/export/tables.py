@@ -96,6 +96,12 @@ class Tabled(Route):
         """Both, and one of them is taken."""
         return jnp.where(self.loop != 0, closed(), opened())
 
+    def again(self, function: Callable[[Array], Array], times: int, value: Array) -> Array:
+        """Written one after the other."""
+        for _ in range(times):
+            value = function(value)
+        return value
+
     def onward(self, place: Place) -> Place:
         """As every route, and where it has one leg the place stays as it was found."""
         return lax.cond(self.count > 1, super().onward, lambda now: now, place)
