@@ -86,7 +86,8 @@ def _metrics(results: Results, judged: SweepVerdict) -> str:
     for metric, of_each in results.metrics.items():
         for name, nominal, values in zip(results.names, judged.nominal, of_each, strict=True):
             finite = values[np.isfinite(values)]
-            mean = finite.mean() if finite.size else np.inf
+            with np.errstate(over="ignore"):  # of numbers near the largest there is: infinite
+                mean = finite.mean() if finite.size else np.inf
             numbers = (nominal[metric], mean, *np.quantile(values, QUANTILES, method="nearest"), values.max())
             rows.append([metric, METRICS[metric].unit, name, *map(float, numbers), values.size - finite.size])
     return grid([*header, "without a value (not in the mean)"], rows)

@@ -76,8 +76,10 @@ def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str
         InputError: a bound is relative to a nominal run that has no value, or 0.
     """
     nominal = _nominal(plan, judge, size)
+    left = f", since it diverges: its state leaves scenario.limit = {float(config.scenario.limit):g}"
+    why = {name: left if np.isinf(value) else "" for name, value in nominal.items()}
     bad = [
-        Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}")
+        Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}{why[name]}")
         for name, bound in config.sweep.fails.items()
         if not bound.absolute and not 0 < nominal[name] < np.inf
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,12 +13,11 @@ from ..ensemble.worst import Found
 from .choice import PAYS, promises
 from .finer import TURNS, before_and_after, tightened, tighter
 from .problem import TuningProblem, in_units_of, starts, with_added
+from .race import advanced, elsewhere, hard
 from .screen import Screened
 from .tuner import HISTORY, Progress
 
 COLUMNS = ("round", "start", *HISTORY)
-PLACES = 4  # of the screening are tried, one after another, where gradients are of no use or gain little
-LITTLE = 0.05  # share of the cost: a search that gains no more over gain sets thrown at random has hardly got anywhere
 
 
 class Round(NamedTuple):
@@ -187,17 +185,17 @@ def _searched(
 ) -> Run:
     """The run with all searches finished.
 
-    Where the first gain little or nothing, with others from further places; then with further gains let go. In later
-    rounds a search gains little because it begins at tuned gains: others follow only where it came to nothing.
+    Where the first gain little or nothing, with others from further places (`race`); then with further gains let go. In
+    later rounds a search gains little because it begins at tuned gains: others follow only where it came to nothing.
     """
     while True:
-        while not all(problem.tuner.finished(p) for p in run.searches):
-            run = run._replace(searches=tuple(problem.tuner.advance_all(list(run.searches))))
+        while (after := advanced(problem, run)) is not None:
+            run = after
             each(run)
         stuck = _hindrance(run.lead)
-        if run.round == 0 and not run.turns and problem.tuner.method.jacobian and _gained(run.lead) < LITTLE:
+        if run.round == 0 and not run.turns and problem.tuner.method.jacobian and hard(problem, run):
             stuck = "it gained little"
-        further = _elsewhere(problem, run, looking) if stuck and run.tightened is None else None
+        further = elsewhere(problem, run, looking) if stuck and run.tightened is None else None
         further = _let_go(problem, run) if further is None else further
         if further is None:
             return run
@@ -220,28 +218,6 @@ def _hindrance(lead: Progress) -> str:
         advice = "other starting gains may help, or tune.starts = 8, which begins at more; agvjax doctor tells more"
         return f"no gradient at the starting gains was of use: not one step was taken; {advice}"
     return ""
-
-
-def _gained(lead: Progress) -> float:
-    """The share by which a search lowered the cost."""
-    costs = [row[HISTORY.index("cost")] for row in lead.history]
-    return 1 - float(np.nanmin(costs)) / costs[0]
-
-
-def _elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], None]) -> Run | None:
-    """The run with a search from the next place of the screening; None where no other is worth it.
-
-    After the first round the places are those of another look, about the gains that the round began with.
-    """
-    if run.round and len(run.searches) == 1 and run.screened is not None and problem.screen is not None:
-        screen, count = dataclasses.replace(problem.screen, tuner=problem.tuner), len(next(iter(run.added.values())))
-        seen = screen.look(looking, np.asarray(run.searches[0].sound_z), count)
-        run = run._replace(screened=seen.after(run.screened))
-    places = run.screened.apart(PLACES) if run.screened is not None else []
-    done = len(run.searches) - bool(run.round)  # the first search of a later round is at a place of its own
-    if len(places) <= done:
-        return None
-    return run._replace(searches=(*run.searches, problem.tuner.begin(places[done], run.moving)))
 
 
 def _let_go(problem: TuningProblem, run: Run) -> Run | None:

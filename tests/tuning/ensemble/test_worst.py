@@ -175,7 +175,7 @@ def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(ga
     config = Config(controller=agvjax.replace(agvjax.NeuroBackstepping(), gains))
     tune = Tune(gains=("k1",), goals={"total_rmse": Weights(worst=1.0)})
     posed = pose(dataclasses.replace(config, tune=tune))
-    adversary = dataclasses.replace(posed.adversary, checks=0)
+    adversary = dataclasses.replace(posed.adversary, settings=dataclasses.replace(tune.search, checks=0))
     z = posed.tuner.begin().z
     found = adversary.search(z)
     many = {name: np.asarray(v) for name, v in sample(Scenario(), config.ensemble.draws, 100_000, 5).values.items()}

@@ -142,6 +142,7 @@ def test_wrong_tables_are_named(table, key):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("promotion_as_optax_has_it")
 def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
     out = tmp_path / "run"
     few = ['tune.gains=["inner.k1"]', "tune.dt=0.02", "simulate.dt=0.005"]
