@@ -18,11 +18,11 @@ from ..leaves import cast, misshapen
 from ..messages import Reference
 from ..paths.heading import default_heading, reference, says
 from ..paths.place import Place
-from ..paths.route import Route
-from ..protocols import Disturbance, Element, Heading, Law, Path, Plant, Sensor
+from ..protocols import Law
 from ..scenario import Scenario
 from ..timing import Timing
 from . import loop
+from .contracts import check_contracts, route_of
 from .scalarise import MOST_SCALARS, scalarise, split_tree
 
 CHUNK = 100  # steps, about, whose time-only signals are tabulated at once; also the unit of checkpointing
@@ -87,7 +87,7 @@ class Rollout:
         if not isinstance(scenario, Scenario):
             kind = type(scenario).__name__
             raise TypeError(f"scenario must be one agvjax.Scenario, after the controller; got {kind}")
-        _check_contracts(controller, scenario)
+        check_contracts(controller, scenario)
         known, kind = set(scenario.plant.actuators), type(scenario.plant).__name__
         if set(scenario.deadzone) != known or not set(scenario.actuators) <= known:
             named = tuple(dict.fromkeys((*scenario.deadzone, *scenario.actuators)))
@@ -108,7 +108,7 @@ class Rollout:
         self.end = self.dt * timing.n_steps
 
         path, disturbance = self.scenario.path, self.scenario.disturbance
-        self.route = _route(self.controller, path)
+        self.route = route_of(self.controller, path)
         self.heading = default_heading(path) if self.scenario.heading is None else self.scenario.heading
         # what knows the instant nearest to `t` at which a signal jumps
         nearest = functools.partial(self.heading.nearest_jump, path), disturbance.nearest_jump
@@ -278,32 +278,6 @@ class Rollout:
             parts.append(samples)
         last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
         return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
-
-
-def _route(controller: Law, path: Path) -> Route | None:
-    """The path where it is a route, which a law that follows one needs."""
-    if isinstance(path, Route):
-        return path
-    if controller.follows():
-        kind = f"{type(path).__name__} goes by a clock: make it Route.along(path)"
-        raise ValueError(f"{type(controller).__name__} follows a route by where it is; {kind}")
-    return None
-
-
-def _check_contracts(controller: Law, scenario: Scenario) -> None:
-    """Raise a TypeError for what does not derive from its base class."""
-    parts = [("controller", controller, Law), ("plant", scenario.plant, Plant), ("path", scenario.path, Path)]
-    parts += [("heading", scenario.heading, Heading), ("sensor", scenario.sensor, Sensor)]
-    parts += [("disturbance", scenario.disturbance, Disturbance)]
-    for kind in ("deadzone", "actuators"):
-        parts += [(f"{kind}.{name}", part, Element) for name, part in getattr(scenario, kind).items()]
-    for name, part, base in parts:
-        optional = part is None and name in ("heading", "sensor")
-        if not optional and not isinstance(part, base):
-            kind = type(part).__name__
-            raise TypeError(
-                f"{name}: {kind} must derive from agvjax.{base.__name__}: class {kind}(agvjax.{base.__name__})"
-            )
 
 
 def _first(rows: PyTree) -> PyTree:

@@ -178,11 +178,12 @@ def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(ga
     adversary = dataclasses.replace(posed.adversary, settings=dataclasses.replace(tune.search, checks=0))
     z = posed.tuner.begin().z
     found = adversary.search(z)
-    many = {name: np.asarray(v) for name, v in sample(Scenario(), config.ensemble.draws, 100_000, 5).values.items()}
+    draws = posed.config.ensemble.draws
+    many = {name: np.asarray(v) for name, v in sample(Scenario(), draws, 100_000, 5).values.items()}
     beaten = adversary._values(z, many).max(axis=1)
     for f in found:
         assert f.value >= beaten[posed.tuner.objective.names.index(f.metric)], f.metric
         assert f.rollouts <= 1000
-        for name, draw in config.ensemble.draws.items():
+        for name, draw in draws.items():
             low, high = draw.box(np.asarray(agvjax.leaves(Scenario())[name]))
             assert np.all((f.scenario[name] >= low - 1e-12) & (f.scenario[name] <= high + 1e-12)), name

@@ -81,20 +81,8 @@ tune.dt=0.01 simulate.integrator=euler tune.integrator=euler
 """.split()
 
 
-@pytest.fixture
-def promotion_in_all_threads():
-    """As `promotion_as_optax_has_it`, whose contexts hold in one thread: laws are tuned two at a time."""
-    rules = {"jax_numpy_dtype_promotion": "standard", "jax_numpy_rank_promotion": "allow"}
-    before = {name: getattr(jax.config, name) for name in rules}
-    for name, value in rules.items():
-        jax.config.update(name, value)
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("promotion_in_all_threads")
+@pytest.mark.usefixtures("promotion_as_optax_has_it")
 def test_every_law_is_held_to_the_limits_of_the_configured_one(monkeypatch, tmp_path):
     """Judged again on the vehicles tuned on: variation and pace in multiples of the configured law's, not its own."""
     config = load(["base"], SMALL, faults)
