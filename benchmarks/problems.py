@@ -107,7 +107,10 @@ def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
     judge = jax.jit(lambda z: tuner.objective.score(*tuner.values(z, tuner.scenarios()), tuner.baseline))
     start = np.asarray(tuner.gains.coordinates(tuner.controller))
     judge(start).cost.block_until_ready()
-    look = lambda z: tuner.objective.ranks(judge(np.asarray(z, float)))  # noqa: E731
+
+    def look(z: Any) -> tuple[Any, Any]:
+        return tuner.objective.ranks(judge(np.asarray(z, float)))
+
     for own in list(rows):
         budget = own["rollouts"]
         budgets = {"tpe": min(budget, TPE_BUDGET), "random": budget, "nelder-mead": budget}

@@ -227,33 +227,21 @@ class Rollout:
         now, later = _first(columns), jax.tree.map(lambda x: jnp.roll(x, -1), columns)
         return pack(jax.lax.scan(lambda c, row: ((step(*c), row), None), (split_tree(carry), now), later)[0][0])
 
-    def _metered(self, carry: Carry, first: Array) -> tuple[Carry, None]:
-        """A chunk of steps of which no sample is kept."""
-        return self._steps(carry, self.table(first, self._chunks[-1])), None
-
-    @property
-    def _chunks(self) -> tuple[int, int, int]:
-        """Groups, chunks in each, and steps in a chunk: all steps and one look at the end, and few more.
-
-        One size for all, so that a step is compiled once; what is too much looks at the end again, see `row`.
-        """
-        chunks = max(1, round((self.n_steps + 1) / CHUNK))
-        inner = chunks if chunks < FEW_CHUNKS else round(chunks**0.5)
-        groups = -(-chunks // inner)
-        return groups, inner, -(-(self.n_steps + 1) // (groups * inner))
-
     def metered(self) -> Carry:
         """The carry after all steps, with the last sample in the meter."""
-        groups, inner, size = self._chunks
-        chunk = jax.checkpoint(self._metered, prevent_cse=False)  # reverse mode keeps one carry a chunk
+        groups, inner, size = _shared_out(self.n_steps + 1)
+
+        def chunk(carry: Carry, first: Array) -> tuple[Carry, None]:
+            return self._steps(carry, self.table(first, size)), None
 
         def group(carry: Carry, first: Array | int) -> tuple[Carry, None]:
-            return jax.lax.scan(chunk, carry, first + size * jnp.arange(inner))
+            return jax.lax.scan(kept_chunk, carry, first + size * jnp.arange(inner))
 
+        kept_chunk = jax.checkpoint(chunk, prevent_cse=False)  # reverse mode keeps one carry a chunk
         if groups == 1:
             return group(self.begin(), 0)[0]
-        group = jax.checkpoint(group, prevent_cse=False)  # and one carry a group, then those of the chunks of one
-        return jax.lax.scan(group, self.begin(), size * inner * jnp.arange(groups))[0]
+        kept_group = jax.checkpoint(group, prevent_cse=False)  # and one carry a group, then those of the chunks of one
+        return jax.lax.scan(kept_group, self.begin(), size * inner * jnp.arange(groups))[0]
 
     def sampled(self, save_every: int) -> tuple[Carry, loop.Sample, loop.Sample]:
         """All steps: the last carry, the samples at every `save_every` steps, and the last sample."""
@@ -278,6 +266,17 @@ class Rollout:
             parts.append(samples)
         last = self.step(carry, _first(self.table(jnp.array(self.n_steps), 1)))[1]  # one step more, to look at the end
         return carry, jax.tree.map(lambda *x: jnp.concatenate(x), *parts), last
+
+
+def _shared_out(looks: int) -> tuple[int, int, int]:
+    """Groups, chunks in each and steps in a chunk, for so many looks, the last at the end, and few more.
+
+    One size for all, so that a step is compiled once; what is too much looks at the end again, see `Rollout.row`.
+    """
+    chunks = max(1, round(looks / CHUNK))
+    inner = chunks if chunks < FEW_CHUNKS else round(chunks**0.5)
+    groups = -(-chunks // inner)
+    return groups, inner, -(-looks // (groups * inner))
 
 
 def _first(rows: PyTree) -> PyTree:

@@ -76,7 +76,7 @@ def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str
         InputError: a bound is relative to a nominal run that has no value, or 0.
     """
     nominal = _nominal(plan, judge, size)
-    left = f", since it diverges: its state leaves scenario.limit = {float(config.scenario.limit):g}"
+    left = f" (it diverges, past scenario.limit = {float(config.scenario.limit):g}, or never gets there)"
     why = {name: left if np.isinf(value) else "" for name, value in nominal.items()}
     bad = [
         Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}{why[name]}")

@@ -13,6 +13,7 @@ import numpy as np
 
 from .methods.objective import FEASIBLE
 from .problem import TuningProblem
+from .screen import Screen, Screened
 from .tuner import HISTORY, Progress
 
 if TYPE_CHECKING:
@@ -63,8 +64,8 @@ def _raced(problem: TuningProblem, run: Run) -> range:
 
 def _looks(problem: TuningProblem, run: Run) -> int:
     """How often more gain sets were looked at in the first round, after the first look."""
-    first = problem.config.tune.screen + 1
-    return 0 if run.round or run.screened is None else max(0, run.screened.looked - first) // first
+    first = problem.config.tune.screen + 1  # with the configured gains; a look about others has these besides
+    return 0 if run.round or run.screened is None else (run.screened.looked - first) // (first + 1)
 
 
 def _rank_at(search: Progress, iterations: int) -> tuple[float, float]:
@@ -92,25 +93,31 @@ def _gained(lead: Progress) -> float:
 def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], None]) -> Run | None:
     """The run with searches from the further places of the screening; None where no other is worth it.
 
-    After the first round the places are those of another look, about the gains that the round began with. In the first,
-    where none of the places led far, of a look about the best gains so far, several times.
+    After the first round the places are those of another look, about the gains that the round began with.
     """
-    first, searches = run.screened, run.searches
-    if first is None or problem.screen is None:
+    seen, searches = run.screened, run.searches
+    if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
+    if not run.round and (_looks(problem, run) or len(searches) >= len(seen.apart(PLACES))):
+        return _about_the_best(problem, run, seen, screen, looking)
     if run.round and len(searches) == 1:
         count = len(next(iter(run.added.values())))
-        first = screen.look(looking, np.asarray(searches[0].sound_z), count).after(first)
-    elif not run.round and len(searches) >= len(first.apart(PLACES)):
-        if _looks(problem, run) == LOOKS:
-            return None
-        about = run.lead.best_z if np.isfinite(run.lead.best[1]) else first.places[0]
-        seen = screen.look(looking, np.asarray(about)).after(first)
-        return run._replace(screened=seen, searches=(*searches, problem.tuner.begin(seen.places[0], run.moving)))
-    places = first.apart(PLACES)
+        seen = screen.look(looking, np.asarray(searches[0].sound_z), count).after(seen)
+    places = seen.apart(PLACES)
     done = len(searches) - bool(run.round)  # the first search of a later round is at a place of its own
     if len(places) <= done:
         return None
     further = (problem.tuner.begin(z, run.moving) for z in places[done:])
-    return run._replace(screened=first, searches=(*searches, *further))
+    return run._replace(screened=seen, searches=(*searches, *further))
+
+
+def _about_the_best(
+    problem: TuningProblem, run: Run, seen: Screened, screen: Screen, looking: Callable[[int, int], None]
+) -> Run | None:
+    """The run with a search from the best of another look, about the best gains so far; None after `LOOKS` of them."""
+    if _looks(problem, run) >= LOOKS:
+        return None
+    about = run.lead.best_z if np.isfinite(run.lead.best[1]) else seen.places[0]
+    seen = screen.look(looking, np.asarray(about)).after(seen)
+    return run._replace(screened=seen, searches=(*run.searches, problem.tuner.begin(seen.places[0], run.moving)))

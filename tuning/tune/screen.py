@@ -24,7 +24,7 @@ from .tuner import Tuner
 
 FEW = 8  # scenarios of the ensemble that every set is given first
 SHARE = 4  # one set in so many stays, and is given so many times the scenarios
-KEPT = 32  # sets, at least, that are given the whole ensemble
+KEPT = 16  # sets, at least, that are given the whole ensemble
 LANES = 1024  # runs at a time, so that one compilation serves any number
 REACHES = (1, 3, 6)  # a third of the sets each, as powers of `tune.spread`: 3, 27 and 729 times, either way
 NEARER = (0.1, 0.3, 1)  # the same about gains that were tuned already
