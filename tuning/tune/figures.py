@@ -34,14 +34,15 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
     drawn = _drawn(table[:, len(COLUMNS) :], np.asarray(start, float))
-    offset, low, top = 0, np.inf, -np.inf
+    offset, low, top, others = 0, np.inf, -np.inf, "cost of searches from other places"
     for turn in range(run.round + 1):
         lead = _lead(run, table, turn)
         for search in np.unique(column["start"][column["round"] == turn]):
             rows = (column["round"] == turn) & (column["start"] == search)
             iteration = offset + column["iteration"][rows]
             if search != lead:
-                cost.plot(iteration, column["cost"][rows], color="0.85", lw=0.8, zorder=0)
+                cost.plot(iteration, column["cost"][rows], color="0.85", lw=0.8, zorder=0, label=others)
+                others = "_"  # one label for all
                 continue
             said = "_" if turn else ""  # one label a line, whatever the number of rounds
             cost.plot(iteration, column["cost"][rows], color="0.6", lw=1, label=said + "cost = goal + penalty")
