@@ -102,7 +102,7 @@ class Designer:
         steps, nothing = np.append(np.diff(t), t[-1] - t[-2]), np.zeros((t.size, len(self.model.channels)))
         live, rows, first = np.ones(t.size), np.arange(t.size), np.zeros((), int)
         stretch = Segments(t, steps, inputs, live, seen=nothing, weight=nothing, rows=rows, log=first)
-        still = self.model.start(jnp.array([0.0, 0.0, 0.0, 1e-6, 0.0]))
+        still = self.model.start(jnp.array([0.0, 0.0, 0.0, 1e-6, 0.0, 0.0]))
         seen = np.asarray(self.predict(jnp.asarray(self.p), still, stretch))
         return Log("drive", 0.0, t, inputs, self.model.commands, dict(zip(self.model.channels, seen.T, strict=True)))
 

@@ -148,7 +148,7 @@ def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.nd
             c, s = np.cos(heading), np.sin(heading)
             along, across = vx * c + vy * s, float(lever) * turn
             vx, vy = along * c - across * s, along * s + across * c
-        guesses.append([x, y, heading, vx, vy])
+        guesses.append([x, y, heading, vx, vy, turn])
     return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
 
 

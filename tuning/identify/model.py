@@ -22,6 +22,7 @@ from .segments import Segments
 
 CHUNK = 16  # stretches computed together
 SHARES = (1.0, 0.25, 0.0625)  # of a step of a stretch's state, the longest first
+DAMPED = 0.1  # what a yaw rate must move by with the state to tell it: at a standstill a steering angle tells none
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
@@ -48,10 +49,23 @@ class Model(NamedTuple):
         """The scenario with these parameters."""
         return agvjax.replace(self.scenario, dict(zip(self.names, p, strict=True)))
 
-    def start(self, measured: Float[Array, "5"]) -> Float[Array, " n"]:
-        """The plant's state, flat, for x, y, heading, vx, vy."""
-        start = agvjax.Start(position=measured[:2], velocity=measured[3:], heading=measured[2])
-        return ravel_pytree(self.scenario.plant.start(start))[0]
+    def start(self, measured: Float[Array, "6"]) -> Float[Array, " n"]:
+        """The plant's state, flat, for x, y, heading, vx, vy and yaw rate.
+
+        A start has no yaw rate. Where the state tells one, the state is moved until it is as measured and the rest
+        stays: a vehicle that spins would else be a turn off before a stretch ends.
+        """
+        plant = self.scenario.plant
+        start = agvjax.Start(position=measured[:2], velocity=measured[3:5], heading=measured[2])
+        flat, unflatten = ravel_pytree(plant.start(start))
+        columns = {name: columns_of(self.commands, name) for name in plant.actuators}
+        still = self.split(jnp.zeros(sum(map(len, columns.values())), flat.dtype))
+
+        def seen(s: Float[Array, " n"]) -> Float[Array, "6"]:
+            return channels(plant, unflatten(s), still, ("x", "y", "heading", "vx", "vy", "yaw_rate"))
+
+        J, missing = jax.jacfwd(seen)(flat), jnp.zeros(6, flat.dtype).at[5].set(measured[5] - seen(flat)[5])
+        return flat + J.T @ jnp.linalg.solve(J @ J.T + DAMPED**2 * jnp.eye(6, dtype=flat.dtype), missing)
 
     def split(self, u: Float[Array, " m"]) -> Inputs:
         """Inputs by actuator."""

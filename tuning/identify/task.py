@@ -65,7 +65,7 @@ def task(files: Sequence[str], config: Config) -> Task:
     model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep, settings.memory)
-    unknown = counts.segments * model.start(jnp.zeros(5)).size + len(parameters)
+    unknown = counts.segments * model.start(jnp.zeros(6)).size + len(parameters)
     if (measurements := int((segments.weight > 0).sum())) < 2 * unknown:
         rule = f"so long that there are twice as many measurements as unknowns; there are {measurements} for {unknown}"
         raise InputError([Fault("identify.segment", settings.segment, rule)])

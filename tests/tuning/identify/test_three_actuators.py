@@ -5,6 +5,7 @@ import csv
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_ivp
 
 import agvjax
@@ -13,6 +14,7 @@ from agvjax.geometry import into_body, into_plane
 from tuning import Config
 from tuning.config.settings import Identify
 from tuning.identify import first_drive, identify
+from tuning.identify.task import task
 
 WHEELS = 2 * np.pi * np.arange(3) / 3  # rad, where they stand around the body
 ARM, NAMES = 0.2, ("first", "second", "third")  # m
@@ -117,3 +119,11 @@ def test_without_a_log_such_a_plant_is_refused():
 def test_a_wish_that_names_nothing_is_refused(log):
     with pytest.raises(agvjax.InputError, match="identify.fit"):
         identify([log], Config(scenario=agvjax.Scenario.of(Omni()), identify=Identify(fit=("deadzones",))))
+
+
+def test_the_first_guess_of_a_stretch_spins_as_the_heading_says(log):
+    model = task([log], config()).model
+    state = ravel_pytree(Omni().start(agvjax.Start()))[1](model.start(jnp.array([1.0, 2.0, 0.3, 0.4, 0.5, 6.0])))
+    told = [*state.position, state.heading, *state.velocity]
+    np.testing.assert_allclose(told, [1.0, 2.0, 0.3, 0.4, 0.5], atol=1e-6)
+    assert abs(state.yaw_rate - 6.0) < 0.1  # `start` alone has it stand still
