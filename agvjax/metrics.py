@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,14 @@ from .metric_table import METRICS
 from .metric_table import Metrics as Metrics
 
 MOMENT, EDGE = 8, 0.2  # of the smooth settling time: its power of time, and how soft the band is, as a share of it
+
+
+class Weights(NamedTuple):
+    """What a sample counts in sums."""
+
+    whole: Array  # s, of the trapezoid over the run
+    late: Array  # s, of that after `late`
+    onward: Array  # 1, but 0 for the first sample: a command leaves nothing behind that was not asked for in the run
 
 
 @pytree
@@ -76,9 +84,10 @@ class Criteria(Meter):
         delivered = any(METRICS[name].delivered for name in names)
         return dataclasses.replace(cls() if like is None else like, smooth=smooth, delivered=delivered)
 
-    def weights(self, t: Array, left: Array, right: Array, end: Array) -> tuple[Array, Array]:
-        """Trapezoid weights of the sample at `t`, over the run and after `late`; `left` and `right` [s] to the next."""
-        return _trapezoid(t, left, right, 0.0, end), _trapezoid(t, left, right, self.late, end)
+    def weights(self, t: Array, left: Array, right: Array, end: Array) -> Weights:
+        """Of the sample at `t`; `left` and `right` [s] to the next."""
+        whole, late = _trapezoid(t, left, right, 0.0, end), _trapezoid(t, left, right, self.late, end)
+        return Weights(whole, late, (t > 0).astype(t.dtype))
 
     def start(self, sample: loop.Sample) -> Tally:
         """The tally before the first sample."""
@@ -100,9 +109,9 @@ class Criteria(Meter):
             ridden=followed.start(sample),
         )
 
-    def update(self, tally: Tally, sample: loop.Sample, weights: tuple[Array, Array]) -> Tally:
+    def update(self, tally: Tally, sample: loop.Sample, weights: Weights) -> Tally:
         """The tally with one more sample and its `weights`."""
-        whole, late = weights
+        whole, late, onward = weights
         e, u = tracking_error(sample), sample.command
         band = self.band * jnp.abs(tally.first_error) if self.relative else self.band
         size, e2 = jnp.abs(e), e * e
@@ -118,9 +127,9 @@ class Criteria(Meter):
             outside_moment=self._moment(tally.outside_moment, whole, sample.t, size / band),
             command_squared=tally.command_squared + whole * u * u,
             peak=jnp.maximum(tally.peak, jnp.abs(u)),
-            chatter=tally.chatter + jnp.abs(u - tally.last_command),
-            delivered=None if tally.delivered is None else _delivered(tally.delivered, sample, whole),
-            ridden=None if tally.ridden is None else followed.update(tally.ridden, sample, weights, self.late),
+            chatter=tally.chatter + onward * jnp.abs(u - tally.last_command),
+            delivered=None if tally.delivered is None else _delivered(tally.delivered, sample, weights),
+            ridden=None if tally.ridden is None else followed.update(tally.ridden, sample, (whole, late), self.late),
         )
 
     def _moment(self, moment: Array | None, weight: Array, t: Array, share: Array) -> Array | None:
@@ -172,13 +181,13 @@ def _nothing_delivered(sample: loop.Sample) -> Delivered:
     return Delivered(last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.t))
 
 
-def _delivered(tally: Delivered, sample: loop.Sample, weight: Array) -> Delivered:
-    v = sample.delivered
+def _delivered(tally: Delivered, sample: loop.Sample, weights: Weights) -> Delivered:
+    v, weight = sample.delivered, weights.whole
     return Delivered(
         last=v,
         squared=tally.squared + weight * v * v,
         peak=jnp.maximum(tally.peak, jnp.abs(v)),
-        variation=tally.variation + jnp.abs(v - tally.last),
+        variation=tally.variation + weights.onward * jnp.abs(v - tally.last),
         limited=tally.limited + weight * sample.limited.astype(weight.dtype),
     )
 
