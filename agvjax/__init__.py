@@ -30,6 +30,8 @@ from .actuators.elements import Backlash, Delay, Lag, Quantisation, RateLimit, S
 from .check import check, faults, step_faults, step_warnings
 from .controllers.asmc import ASMC
 from .controllers.backstepping import Backstepping
+from .controllers.compensated import Compensated
+from .controllers.compensation import Inverse, NoCompensation
 from .controllers.dfc import DFC
 from .controllers.event_triggered import EventTriggered
 from .controllers.filters import CommandFilter, NoFilter
@@ -85,6 +87,7 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
+__all__ += ["Compensated", "Inverse", "NoCompensation"]
 __all__ += ["PathLQR", "PathPID", "RegulatedPurePursuit", "Stanley", "VelocityReference"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]

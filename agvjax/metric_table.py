@@ -69,6 +69,7 @@ METRICS: dict[str, Metric] = {
         Metric("delivered_effort", "of the actuators", delivered=True),
         Metric("delivered_peak", "of the actuators", delivered=True),
         Metric("delivered_variation", "of the actuators", delivered=True),
+        Metric("reversals", "times", delivered=True),
         Metric("limited", "share of the time", delivered=True),
         Metric("cross_track", "m", route=True),
         Metric("cross_track_late", "m", route=True),
@@ -147,9 +148,10 @@ class Metrics:
     chatter: Float[Array, " c"]  # total variation of u
     ok: Bool[Array, ""]  # False: diverged and latched
     settling_smooth: Float[Array, " c"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
-    rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; these four with `Criteria.delivered`
+    rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; with `Criteria.delivered`
     peak_delivered: Float[Array, " m"] | None = None
     variation_delivered: Float[Array, " m"] | None = None  # total variation
+    reversals_delivered: Float[Array, " m"] | None = None  # how often its sign changed, what is 0 left out
     followed: Followed | None = None  # where the path is a route
     limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
 
@@ -242,6 +244,11 @@ class Metrics:
     def delivered_variation(self) -> Float[Array, ""]:
         """Sum of the total variations of what the actuators delivered."""
         return jnp.sum(_judged(self.variation_delivered), -1)
+
+    @property
+    def reversals(self) -> Float[Array, ""]:
+        """How often what actuators deliver changes direction, summed; a count, without a slope."""
+        return jnp.sum(_judged(self.reversals_delivered), -1)
 
     def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
         ok = jnp.asarray(self.ok)

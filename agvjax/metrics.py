@@ -63,6 +63,8 @@ class Delivered:
     peak: Float[Array, " m"]
     variation: Float[Array, " m"]
     limited: Float[Array, ""]
+    way: Float[Array, " m"]  # the sign of what was delivered last that is not 0
+    reversals: Float[Array, " m"]
 
 
 @pytree
@@ -156,7 +158,7 @@ class Criteria(Meter):
         delivered = {} if d is None else {"rms_delivered": mean_root(d.squared, horizon)}
         if d is not None:
             delivered |= {"peak_delivered": judged(d.peak), "variation_delivered": judged(d.variation)}
-            delivered |= {"limited": judged(d.limited / horizon)}
+            delivered |= {"limited": judged(d.limited / horizon), "reversals_delivered": judged(d.reversals)}
         return Metrics(
             rmse=mean_root(tally.squared, horizon),
             rmse_late=jnp.where(late_time > 0, late, jnp.nan),
@@ -178,17 +180,23 @@ class Criteria(Meter):
 
 def _nothing_delivered(sample: loop.Sample) -> Delivered:
     zero = jnp.zeros_like(sample.delivered)
-    return Delivered(last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=jnp.zeros_like(sample.t))
+    nothing = jnp.zeros_like(sample.t)
+    return Delivered(
+        last=sample.delivered, squared=zero, peak=zero, variation=zero, limited=nothing, way=zero, reversals=zero
+    )
 
 
 def _delivered(tally: Delivered, sample: loop.Sample, weights: Weights) -> Delivered:
     v, weight = sample.delivered, weights.whole
+    way = jnp.where(v == 0, tally.way, jnp.sign(v))
     return Delivered(
         last=v,
         squared=tally.squared + weight * v * v,
         peak=jnp.maximum(tally.peak, jnp.abs(v)),
         variation=tally.variation + weights.onward * jnp.abs(v - tally.last),
         limited=tally.limited + weight * sample.limited.astype(weight.dtype),
+        way=way,
+        reversals=tally.reversals + (way * tally.way < 0).astype(v.dtype),
     )
 
 

@@ -13,6 +13,10 @@ from .asmc import ASMC as ASMC
 from .backstepping import Backstepping as Backstepping
 from .backstepping import BacksteppingState as BacksteppingState
 from .backstepping import KnownSlopes as KnownSlopes
+from .compensated import Compensated as Compensated
+from .compensation import Compensation as Compensation
+from .compensation import Inverse as Inverse
+from .compensation import NoCompensation as NoCompensation
 from .dfc import DFC as DFC
 from .event_triggered import EventTriggered as EventTriggered
 from .filters import CommandFilter as CommandFilter

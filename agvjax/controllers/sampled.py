@@ -16,6 +16,7 @@ from ..leaves import leaves
 from ..messages import Command, Measurement, Reference
 from ..plants import Decoupled
 from ..protocols import Inputs, Law, Plant, Stable
+from .compensation import Compensation, NoCompensation
 from .neuro_backstepping import NeuroBackstepping
 from .wrapping import Wrapping
 
@@ -58,6 +59,7 @@ class Computed:
     law: PyTree  # state of the law inside
     command: Command  # in force, with its inputs
     limited: Bool[Array, ""]  # whether the law kept something back
+    compensation: PyTree = ()  # what deals with the deadzones remembers
 
 
 @pytree
@@ -68,27 +70,41 @@ class Sampled(Wrapping):
     of actuators, from what was measured at that instant. The law is stepped by its own `advance`, with `euler` by
     Euler's method. Nothing is asked of the actuators before the first instant. The integrator steps nothing of the law,
     so that poles and rates of the law in continuous time, and the stability conditions on them, do not apply.
+
+    What the law wants runs through `vehicle.allocate`, then `compensation` of the deadzones, then the limits of
+    `anti_windup`; what these cut off is taken back from the law by what is believed to be delivered of the rest.
     """
 
     inner: Law = NeuroBackstepping()
     vehicle: Plant = Decoupled()
     period: Real = number(0.02, "s", POSITIVE)
     anti_windup: AntiWindup = NoAntiWindup()
+    compensation: Compensation = NoCompensation()
     euler: bool = structure(False)
 
-    def step(self, state: PyTree, measurement: Measurement, reference: Reference) -> Computed:
-        """One period: pure, and all that the computer does. `state` is that of the law inside, see `inner.init`."""
+    def step(
+        self, state: PyTree, measurement: Measurement, reference: Reference, memory: PyTree | None = None
+    ) -> Computed:
+        """One period: pure, and all that the computer does.
+
+        `state` is that of the law inside, see `inner.init`; `memory` that of the compensation, None before the first.
+        """
         speed, period, law = self.anti_windup.speed, self.period, self.inner
         advance = functools.partial(Law.advance, law) if self.euler else law.advance
         asked, later, limited = advance(state, measurement, reference, period, speed)
-        inputs = self.vehicle.allocate(asked, measurement)
-        applied = self.anti_windup.applied(inputs)
+        wanted = self.vehicle.allocate(asked, measurement)
+        memory = self.compensation.hold(wanted) if memory is None else memory
+        sent, kept = self.compensation.sent(memory, wanted, period)
+        applied = self.anti_windup.applied(sent)
         if speed is not None and law.relieves:
-            limited = limited | jnp.any(jnp.stack([jnp.any(applied[name] != inputs[name]) for name in inputs]))
-            missing = asked.position - self.vehicle.achieved(applied, measurement)
+            cut = {name: applied[name] != sent[name] for name in sent}
+            limited = limited | jnp.any(jnp.stack([jnp.any(c) for c in cut.values()]))
+            rest = self.compensation.delivered(kept, applied)
+            reached = {name: jnp.where(cut[name], rest[name], wanted[name]) for name in cut}
+            missing = asked.position - self.vehicle.achieved(reached, measurement)
             later = law.relieved(state, later, missing, limited, period)
         command = Command(position=asked.position, heading=asked.heading, inputs=applied)
-        return Computed(law=later, command=command, limited=limited)
+        return Computed(law=later, command=command, limited=limited, compensation=kept)
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
         """Nothing of it flows: the state of the inner law jumps."""
@@ -103,15 +119,16 @@ class Sampled(Wrapping):
         if jax.tree.leaves(self.inner.hold(measurement, reference)):
             raise ValueError(f"Sampled runs laws without memory; {type(self.inner).__name__} has some: put it outside")
         state = self.inner.init(measurement, reference)
-        asked = jax.eval_shape(lambda: self.step(state, measurement, reference).command)
-        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), asked)
-        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool))
+
+        begun = jax.eval_shape(lambda: self.step(state, measurement, reference))
+        nothing, kept = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), (begun.command, begun.compensation))
+        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), compensation=kept)
 
     def jump(
         self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference, h: Float[Array, ""]
     ) -> Computed:
         """The computer's work at one instant."""
-        return self.step(memory.law, measurement, reference)
+        return self.step(memory.law, measurement, reference, memory.compensation)
 
     def law(
         self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference
@@ -132,9 +149,10 @@ class Sampled(Wrapping):
         return memory.law
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
-        """The inner law's gains, the heading's only where the vehicle lets it be commanded; the bound on speed."""
+        """The inner law's, the heading's only where it can be commanded; the bound on speed; the compensation's."""
         speed = ("anti_windup.speed",) if self.anti_windup.speed else ()
-        return (*super().gains_to_tune(self.vehicle.commands_heading), *speed)
+        rest = (f"compensation.{name}" for name in self.compensation.tunable)
+        return (*super().gains_to_tune(self.vehicle.commands_heading), *speed, *rest)
 
     def poles(self) -> np.ndarray:
         """No poles that the integrator's step must suit."""
@@ -164,7 +182,8 @@ class Sampled(Wrapping):
 
     def faults(self, plant: Plant) -> list[Fault]:
         """A vehicle of another kind than the plant, or limits that are not one for each input."""
-        found, names, limits = super().faults(plant), ", ".join(self.vehicle.actuators), self.anti_windup.limits
+        found = super().faults(plant) + self.compensation.faults(self.vehicle, "compensation.")
+        names, limits = ", ".join(self.vehicle.actuators), self.anti_windup.limits
         if self.vehicle.actuators != plant.actuators:
             rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
             found.append(Fault("vehicle", type(self.vehicle).__name__, rule))

@@ -21,7 +21,13 @@ BY_CHANNEL = {  # x, y, heading
 }
 IN_TOTAL_ONLY = {"iae": (1.0, 2.0, 4.0), "ise": (8.0, 16.0, 32.0), "itae": (0.5, 0.25, 0.125)}
 IN_TOTAL_ONLY |= {"rms_delivered": (1.0, 4.0, 8.0), "peak_delivered": (5.0, 7.0, 6.0)}
-IN_TOTAL_ONLY |= {"variation_delivered": (10.0, 20.0, 30.0), "limited": 0.25, "settled": (True,) * 3, "ok": True}
+IN_TOTAL_ONLY |= {
+    "reversals_delivered": (3.0, 0.0, 2.0),
+    "variation_delivered": (10.0, 20.0, 30.0),
+    "limited": 0.25,
+    "settled": (True,) * 3,
+    "ok": True,
+}
 ROUTE = {name: 0.5 + i for i, name in enumerate(n for n, row in METRICS.items() if row.route)}
 FOLLOWED = Followed(**{name: np.array(value) for name, value in ROUTE.items()})
 CHANNELS = {name: np.array(values) for name, values in (BY_CHANNEL | IN_TOTAL_ONLY).items()}
@@ -40,6 +46,7 @@ BY_HAND = {
     "delivered_effort": 9.0,  # 1 + 16 + 64 = 81
     "delivered_peak": 7.0,
     "delivered_variation": 60.0,
+    "reversals": 5.0,
     "limited": 0.25,
     **ROUTE,
 }
@@ -92,7 +99,7 @@ def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
     assert {name for name, row in METRICS.items() if "heading" in name and not row.route} == all_channels - clock
     assert {name for name, row in METRICS.items() if row.route} == set(METRICS) - all_channels
     plain = agvjax.measure(agvjax.simulate(agvjax.NeuroBackstepping(), agvjax.Scenario(), n_steps=3))
-    for name in ("delivered_effort", "delivered_peak", "delivered_variation", "limited"):
+    for name in ("delivered_effort", "delivered_peak", "delivered_variation", "reversals", "limited"):
         with pytest.raises(ValueError, match="delivered=True"):
             plain[name]
         assert agvjax.Criteria.of([name]).delivered and not agvjax.Criteria.of(["effort"]).delivered

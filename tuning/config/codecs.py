@@ -162,6 +162,26 @@ def _deadzones(reader: Reader, key: str, default: Setting, table: Mapping[str, T
     }
 
 
+def _believed(reader: Reader, key: str, default: Setting, table: Mapping[str, Toml]) -> dict[str, agvjax.Deadzone]:
+    """By actuator a table that changes the scenario's deadzone, or "none"; of other actuators a deadzone of its own.
+
+    That the vehicle has such actuators, the law itself says.
+    """
+    known = reader.deadzone if set(table) <= set(reader.deadzone) else {}
+    tables = {**dict.fromkeys(known, {}), **table}
+    return {
+        name: reader.fields(f"{key}.{name}", known.get(name, agvjax.Deadzone()), part)
+        for name, part in tables.items()
+        if part != "none"
+    }
+
+
+def _write_believed(writer: Writer, key: str, value: Mapping[str, Setting]) -> Toml:
+    tables = {name: writer.write(f"{key}.{name}", part, agvjax.Deadzone()) for name, part in value.items()}
+    known = writer.plant.deadzones()
+    return tables | ({name: "none" for name in known if name not in value} if set(value) <= set(known) else {})
+
+
 def _write_deadzones(writer: Writer, key: str, value: Mapping[str, Setting]) -> Toml:
     tables = {name: writer.write(f"{key}.{name}", part, agvjax.Deadzone()) for name, part in value.items()}
     return tables | {name: "none" for name in writer.plant.deadzones() if name not in value}
@@ -201,6 +221,7 @@ SLOPE = Codec(_slope, lambda writer, key, slopes: writer.fields(key, slopes), ob
 CODECS = {
     "scenario.deadzone": Codec(_deadzones, _write_deadzones),
     "scenario.actuators": Codec(_chains, _write_chains, rule=CHAINS),
+    "controller.compensation.believed": Codec(_believed, _write_believed),
     "ensemble.draws": _named(draw, NAMED["ensemble.draws"]),
     "ensemble.correlation": Codec(_correlation, lambda writer, key, x: x._asdict(), setting=Correlation),
     "tune.gains": _gains(),

@@ -20,7 +20,11 @@ LAWS = {
     "stanley": agvjax.Stanley,
     "path_lqr": agvjax.PathLQR,
 }
-COMPOSED = {"event_triggered": agvjax.EventTriggered, "fractional": agvjax.FractionalBackstepping}
+COMPOSED = {
+    "event_triggered": agvjax.EventTriggered,
+    "fractional": agvjax.FractionalBackstepping,
+    "compensated": agvjax.Compensated,
+}
 PLANTS = {
     "decoupled": agvjax.Decoupled,
     "unicycle": agvjax.Unicycle,
@@ -57,6 +61,7 @@ CLASSES: Classes = {
     "controller.filter": FILTERS,
     "controller.inner.filter": FILTERS,
     "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
+    "controller.compensation": {"none": agvjax.NoCompensation, "inverse": agvjax.Inverse},
     "controller.vehicle": PLANTS,
     **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
     "scenario.plant": PLANTS,

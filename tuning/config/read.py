@@ -28,6 +28,7 @@ class Reader:
         self.notes: list[str] = []  # what was not read
         self.classes = classes
         self.plant: agvjax.Plant = agvjax.Decoupled()  # the scenario's
+        self.deadzone: Mapping[str, agvjax.Deadzone] = {}  # the scenario's
         self.limits: Mapping[str, Limit] = {}  # the usual ones of law and scenario
 
     def wrong(self, key: str, value: Toml, rule: str, source: str = "") -> None:
@@ -51,7 +52,7 @@ class Reader:
         """A configuration; its scenario first, then its law, since settings of the tools hang on them."""
         if "scenario" in table:
             default = dataclasses.replace(default, scenario=self.scenario(default.scenario, table["scenario"]))
-        self.plant = default.scenario.plant
+        self.plant, self.deadzone = default.scenario.plant, default.scenario.deadzone
         if "controller" in table:
             law = self.read("controller", default.controller, table["controller"])
             default = dataclasses.replace(default, controller=law)
@@ -129,13 +130,20 @@ class Reader:
             return self.make(key, default, rest, RECIPES[cls])
         if kind is not None and type(default) is not cls:
             default = None if cls is None else cls()
-            if isinstance(default, agvjax.Sampled):
-                default = dataclasses.replace(default, vehicle=self.plant)
+            default = self.of_scenario(default)
         if default is None:
             for name, value in rest.items():
                 self.wrong(f"{key}.{name}", value, "absent: this type has nothing to set")
             return None
         return self.fields(key, default, rest)
+
+    def of_scenario(self, default: Any) -> Any:
+        """What a law takes vehicle and deadzones for where nothing is said: the scenario's."""
+        if isinstance(default, agvjax.Compensated):
+            default = dataclasses.replace(default, compensation=self.of_scenario(default.compensation))
+        if isinstance(default, (agvjax.Sampled, agvjax.Compensated)):
+            return dataclasses.replace(default, vehicle=self.plant)
+        return dataclasses.replace(default, believed=self.deadzone) if isinstance(default, agvjax.Inverse) else default
 
     def make(self, key: str, default: Any, table: Mapping[str, Toml], recipe: Recipe) -> Any:
         """An object that a recipe makes from the table."""

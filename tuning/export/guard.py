@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, PyTree
 
+import agvjax
 from agvjax import Measurement, Sampled
 from agvjax.controllers.following import Followed
 from agvjax.messages import Reference
@@ -21,6 +22,14 @@ STATUS = {  # words of `output.status` and what they mean; a step's flags after 
     " the state stays as it was, all inputs are 0",
     "STARTED": "the state was not finite: the law began anew with this measurement, and the step was taken",
 }
+
+
+@agvjax.pytree
+class Kept:
+    """The state of a computer that remembers more than the law inside does."""
+
+    law: PyTree
+    compensation: PyTree
 
 
 def start(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
@@ -38,8 +47,9 @@ def step(controller: Sampled, state: PyTree, measurement: Measurement, reference
         before = jax.lax.cond(going, lambda: state, lambda: begun(controller, measurement, reference))
     else:
         before = _chosen(going, state, begun(controller, measurement, reference))
-    computed = controller.step(before, measurement, reference)
-    later, inputs = without_corridor(computed.law), computed.command.inputs
+    state_of_law, memory = (before.law, before.compensation) if isinstance(before, Kept) else (before, None)
+    computed = controller.step(state_of_law, measurement, reference, memory)
+    later, inputs = _kept(computed.law, computed.compensation), computed.command.inputs
     sound = _finite((measurement, _asked(reference))) & _finite((_own(later), inputs))
     return {
         "state": _chosen(sound, later, state),
@@ -50,8 +60,14 @@ def step(controller: Sampled, state: PyTree, measurement: Measurement, reference
 
 
 def begun(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
-    """The state of the law inside that starts here."""
-    return without_corridor(controller.inner.init(measurement, reference))
+    """The state of a computer that starts here."""
+    computed = controller.hold(measurement, reference)
+    return _kept(computed.law, computed.compensation)
+
+
+def _kept(law: PyTree, compensation: PyTree) -> PyTree:
+    law = without_corridor(law)
+    return Kept(law=law, compensation=compensation) if jax.tree.leaves(compensation) else law
 
 
 def without_corridor(state: PyTree) -> PyTree:
@@ -68,6 +84,8 @@ def _asked(reference: Reference) -> Reference:
 
 def _own(state: PyTree) -> PyTree:
     """A state without what is left of a leg: infinite on a closed route, and never read."""
+    if isinstance(state, Kept):
+        return dataclasses.replace(state, law=_own(state.law))
     if isinstance(state, Followed):
         return dataclasses.replace(state, place=dataclasses.replace(state.place, remaining=state.place.arc))
     return state

@@ -72,7 +72,7 @@ def examples(controller: Sampled) -> tuple[PyTree, Measurement, PyTree]:
         state = jax.eval_shape(lambda m, sizes: guard.begun(controller, m, tables.asked(sizes)), seen, given)
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), state), seen, given
     reference = Reference(position=pair, velocity=pair, acceleration=pair, heading=zero, heading_rate=zero)
-    return controller.inner.init(seen, reference), seen, reference
+    return guard.begun(controller, seen, reference), seen, reference
 
 
 def step(controller: Sampled) -> Program:

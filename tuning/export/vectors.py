@@ -13,6 +13,7 @@ import agvjax
 from agvjax import Measurement, Reference, Route, Sampled
 from agvjax.geometry import direction
 from agvjax.paths.heading import reference
+from agvjax.paths.place import Place
 
 from . import guard, program, tables
 from .artefact import Artefact
@@ -53,7 +54,7 @@ def _plain(reference: Reference) -> Reference | None:
     return reference if reference.route is None else None
 
 
-_step, _init, _at = jax.jit(guard.step), jax.jit(lambda law, *now: law.inner.init(*now)), jax.jit(Route.at)
+_step, _init, _at = jax.jit(guard.step), jax.jit(guard.begun), jax.jit(Route.at)
 
 
 def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
@@ -65,7 +66,7 @@ def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
         t = jnp.asarray(AHEAD * k)
         asked = reference(path, agvjax.Tangent(), t)
         here = dataclasses.replace(seen, position=start + t * speed, velocity=speed, heading=heading)
-        state = controller.inner.init(here, asked) if k == 0 else state
+        state = guard.begun(controller, here, asked) if k == 0 else state
         steps.append((state, here, asked))
         state = _step(controller, state, here, asked)["state"]
     return steps
@@ -91,8 +92,14 @@ def _along(controller: Sampled, route: Route) -> list[tuple[PyTree, Measurement,
             velocity=later.sign * (later.speed + off[2]) * direction(heading),
         )
         begun = _init(controller, seen, given)
-        steps.append((dataclasses.replace(_random(rng, begun), place=place) if steps else begun, seen, given))
+        steps.append((_placed(_random(rng, begun), place) if steps else begun, seen, given))
     return steps
+
+
+def _placed(state: PyTree, place: Place) -> PyTree:
+    if isinstance(state, guard.Kept):
+        return dataclasses.replace(state, law=_placed(state.law, place))
+    return dataclasses.replace(state, place=place)
 
 
 def _random(rng: np.random.Generator, tree: PyTree) -> PyTree:

@@ -23,6 +23,7 @@ from tuning.config.write import gains_table
 from tuning.export import artefact, c, program, ros2, stablehlo
 from tuning.export import names as export_names
 from tuning.export import numpy as numpy_file
+from tuning.export.guard import Kept
 from tuning.export.vectors import row
 
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]
@@ -38,6 +39,9 @@ LAWS = {
     "torques": dataclasses.replace(LIMITED, vehicle=agvjax.DifferentialDrive()),
     "car": dataclasses.replace(LIMITED, vehicle=agvjax.SingleTrack()),
     "full_weight": agvjax.Sampled(inner=agvjax.FullWeightBackstepping(), vehicle=agvjax.Unicycle()),
+    "inverse": dataclasses.replace(
+        LIMITED, compensation=agvjax.Inverse(believed=agvjax.Unicycle().deadzones(), lead=0.05)
+    ),
     "osfc": agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle()),
     "stateless": agvjax.Sampled(inner=agvjax.FTSMC(), vehicle=agvjax.Unicycle()),
 }
@@ -110,8 +114,13 @@ def flat(trees, count):
 
 def by_jax(law, inputs, count):
     """Rows of what the JAX step makes of them: state, inputs, whether limited."""
-    done = jax.jit(jax.vmap(lambda *x: law.step(*x)))(*inputs)
-    return flat((done.law, done.command.inputs, done.limited), count)
+
+    def step(state, *seen):
+        kept = isinstance(state, Kept)
+        done = law.step(state.law, *seen, state.compensation) if kept else law.step(state, *seen)
+        return (done.law, done.compensation), done.command.inputs, done.limited
+
+    return flat(jax.jit(jax.vmap(step))(*inputs), count)
 
 
 def write_c(exported_law, folder):
@@ -146,7 +155,7 @@ def deviation(got, wanted, whole=False):
 
 @needs_gcc
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[] if n in ("limited", "stateless") else pytest.mark.slow) for n in LAWS]
+    "name", [pytest.param(n, marks=[] if n in ("limited", "stateless", "inverse") else pytest.mark.slow) for n in LAWS]
 )
 def test_c_agrees_on_ten_thousand_random_inputs(name, exported, tmp_path):
     law = exported(name).controller

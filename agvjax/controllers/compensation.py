@@ -1,0 +1,97 @@
+"""What a computer does about deadzones: between what a law wants delivered and what is sent to the actuators."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
+from ..actuators.deadzone import Deadzone
+from ..errors import Fault
+from ..protocols import Inputs, Plant
+
+
+class Compensation:
+    """What is sent for what is wanted; by default what is wanted."""
+
+    tunable: ClassVar[tuple[str, ...]] = ()
+
+    def hold(self, wanted: Inputs) -> PyTree:
+        """The memory before the first instant, at which something is wanted; it begins with zeros."""
+        return ()
+
+    def sent(self, memory: PyTree, wanted: Inputs, period: Real) -> tuple[Inputs, PyTree]:
+        """What to send for a period [s], and the next memory."""
+        return wanted, memory
+
+    def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
+        """What it believes the actuators to deliver."""
+        return sent
+
+    def faults(self, plant: Plant, prefix: str = "") -> list[Fault]:
+        """What of it does not suit a plant; keys are relative to it, after the `prefix`."""
+        return []
+
+
+@pytree
+class NoCompensation(Compensation):
+    """Deadzones are left to the law."""
+
+
+@pytree
+class Inverse(Compensation):
+    """The smooth inverse of the deadzones that are believed in: u = d / m + s tanh((|d| - q) / w) sign(d).
+
+    With the slope m = `slope` m_b and the threshold s = `threshold` s_b of the side that d is on, of eq. (11) with the
+    believed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0: a demand about zero does
+    not throw an actuator to and fro across its whole deadzone. Before it a `lead` adds lead x d' (by differences), what
+    makes up for a lag. After it come the limits of the computer's anti-windup. Where a believed threshold is 0 there is
+    no step; an actuator that is not named in `believed` is sent what is wanted.
+
+    Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the inverse
+    with the step; smoothed as is usual.
+    """
+
+    believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)
+    slope: Real = number(1.0, "of the believed slopes", POSITIVE)
+    threshold: Real = number(1.0, "of the believed thresholds", POSITIVE)
+    width: Real = number(0.2, "of the believed thresholds", POSITIVE, "over which the step rises")
+    quiet: Real = number(0.1, "of the believed thresholds", NONNEGATIVE, "demand up to which there is no step")
+    lead: Real = number(0.0, "s", NONNEGATIVE, "makes up for so long a lag")
+
+    tunable = ("slope", "threshold", "width", "quiet")
+
+    def hold(self, wanted: Inputs) -> Inputs:
+        """What was wanted last: nothing."""
+        return {name: jnp.zeros_like(d) for name, d in wanted.items()}
+
+    def sent(self, memory: Inputs, wanted: Inputs, period: Real) -> tuple[Inputs, Inputs]:
+        """Lead, then inverse."""
+        return self.inverted({n: d + self.lead / period * (d - memory[n]) for n, d in wanted.items()}), wanted
+
+    def inverted(self, wanted: Inputs) -> Inputs:
+        """What must be sent, by the beliefs, for what is to be delivered."""
+        zones = self.believed
+        return {name: self._step(zones[name], d) if name in zones else d for name, d in wanted.items()}
+
+    def _step(self, zone: Deadzone, d: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        right = d > 0
+        m = self.slope * jnp.where(right, zone.slope_right, zone.slope_left)
+        s = jnp.asarray(jnp.where(right, zone.threshold_right, zone.threshold_left))
+        there = s > 0
+        beyond = jnp.maximum(jnp.abs(d) - self.quiet * s, 0) / jnp.where(there, self.width * s, 1.0)
+        return d / m + jnp.where(there, self.threshold * s * jnp.tanh(beyond), 0.0) * jnp.sign(d)
+
+    def delivered(self, memory: Inputs, sent: Inputs) -> Inputs:
+        """Eq. (11) with the beliefs."""
+        return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
+
+    def faults(self, plant: Plant, prefix: str = "") -> list[Fault]:
+        """Beliefs about no actuator of the plant, or none at all."""
+        rule = f"by actuator of the vehicle, {', '.join(plant.actuators)}, at least one"
+        suits = self.believed and set(self.believed) <= set(plant.actuators)
+        return [] if suits else [Fault(f"{prefix}believed", ", ".join(self.believed) or "nothing", rule)]
