@@ -43,6 +43,7 @@ from .controllers.neuro_backstepping import NeuroBackstepping
 from .controllers.osfc import OSFC
 from .controllers.path_lqr import PathLQR
 from .controllers.path_pid import PathPID
+from .controllers.predictor import NoPrediction, Predictor
 from .controllers.pure_pursuit import RegulatedPurePursuit
 from .controllers.sampled import BackCalculation, NoAntiWindup, Sampled
 from .controllers.stanley import Stanley
@@ -87,7 +88,7 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
-__all__ += ["Compensated", "Inverse", "NoCompensation"]
+__all__ += ["Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor"]
 __all__ += ["PathLQR", "PathPID", "RegulatedPurePursuit", "Stanley", "VelocityReference"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]

@@ -181,6 +181,11 @@ class Plant:
         """What a sensor without noise sees."""
         raise NotImplementedError(f"{type(self).__name__} needs output(state, delivered)")
 
+    def seen(self, measurement: Measurement) -> PyTree:
+        """The state that a measurement tells, for laws that predict; what it does not tell is as in `start`."""
+        position, velocity, heading = measurement.position, measurement.velocity, measurement.heading
+        return self.start(Start(position=position, velocity=velocity, heading=heading))
+
     def hold(self, state: PyTree) -> PyTree:
         """The memory before the first step."""
         return ()

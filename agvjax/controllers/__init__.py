@@ -29,6 +29,9 @@ from .ftsmc import SuperTwistingFTSMC as SuperTwistingFTSMC
 from .full_weight import FullWeightBackstepping as FullWeightBackstepping
 from .neuro_backstepping import NeuroBackstepping as NeuroBackstepping
 from .osfc import OSFC as OSFC
+from .predictor import NoPrediction as NoPrediction
+from .predictor import Prediction as Prediction
+from .predictor import Predictor as Predictor
 from .sampled import BackCalculation as BackCalculation
 from .sampled import NoAntiWindup as NoAntiWindup
 from .sampled import Sampled as Sampled

@@ -18,6 +18,7 @@ from ..plants import Decoupled
 from ..protocols import Inputs, Law, Plant, Stable
 from .compensation import Compensation, NoCompensation
 from .neuro_backstepping import NeuroBackstepping
+from .predictor import NoPrediction, Prediction
 from .wrapping import Wrapping
 
 
@@ -53,13 +54,21 @@ class BackCalculation(AntiWindup):
 
 
 @pytree
+class Remembered:
+    """What the computer remembers besides the law's state; nothing where it has neither of the two."""
+
+    compensation: PyTree
+    prediction: PyTree
+
+
+@pytree
 class Computed:
     """What the computer remembers from one period to the next."""
 
     law: PyTree  # state of the law inside
     command: Command  # in force, with its inputs
     limited: Bool[Array, ""]  # whether the law kept something back
-    compensation: PyTree = ()  # what deals with the deadzones remembers
+    memory: Remembered = Remembered(compensation=(), prediction=())
 
 
 @pytree
@@ -71,8 +80,9 @@ class Sampled(Wrapping):
     Euler's method. Nothing is asked of the actuators before the first instant. The integrator steps nothing of the law,
     so that poles and rates of the law in continuous time, and the stability conditions on them, do not apply.
 
-    What the law wants runs through `vehicle.allocate`, then `compensation` of the deadzones, then the limits of
-    `anti_windup`; what these cut off is taken back from the law by what is believed to be delivered of the rest.
+    With a `prediction` the law acts on where the vehicle will be when its command arrives. What it wants runs through
+    `vehicle.allocate`, then `compensation` of the deadzones, then the limits of `anti_windup`; what these cut off is
+    taken back from the law by what is believed to be delivered of the rest.
     """
 
     inner: Law = NeuroBackstepping()
@@ -80,21 +90,24 @@ class Sampled(Wrapping):
     period: Real = number(0.02, "s", POSITIVE)
     anti_windup: AntiWindup = NoAntiWindup()
     compensation: Compensation = NoCompensation()
+    prediction: Prediction = NoPrediction()
     euler: bool = structure(False)
 
     def step(
-        self, state: PyTree, measurement: Measurement, reference: Reference, memory: PyTree | None = None
+        self, state: PyTree, measurement: Measurement, reference: Reference, memory: Remembered | None = None
     ) -> Computed:
         """One period: pure, and all that the computer does.
 
-        `state` is that of the law inside, see `inner.init`; `memory` that of the compensation, None before the first.
+        `state` is that of the law inside, see `inner.init`; `memory` what else it remembers, None before the first.
         """
         speed, period, law = self.anti_windup.speed, self.period, self.inner
+        memory = self._nothing(state, measurement, reference) if memory is None else memory
+        measurement = self.prediction.ahead(memory.prediction, self.vehicle, measurement, period)
+        reference = self.prediction.asked(reference)
         advance = functools.partial(Law.advance, law) if self.euler else law.advance
         asked, later, limited = advance(state, measurement, reference, period, speed)
         wanted = self.vehicle.allocate(asked, measurement)
-        memory = self.compensation.hold(wanted) if memory is None else memory
-        sent, kept = self.compensation.sent(memory, wanted, period)
+        sent, kept = self.compensation.sent(memory.compensation, wanted, period)
         applied = self.anti_windup.applied(sent)
         if speed is not None and law.relieves:
             cut = {name: applied[name] != sent[name] for name in sent}
@@ -104,7 +117,19 @@ class Sampled(Wrapping):
             missing = asked.position - self.vehicle.achieved(reached, measurement)
             later = law.relieved(state, later, missing, limited, period)
         command = Command(position=asked.position, heading=asked.heading, inputs=applied)
-        return Computed(law=later, command=command, limited=limited, compensation=kept)
+        way = self.prediction.remembering(memory.prediction, applied)
+        memory = Remembered(compensation=kept, prediction=way)
+        return Computed(law=later, command=command, limited=limited, memory=memory)
+
+    def _nothing(self, state: PyTree, measurement: Measurement, reference: Reference) -> Remembered:
+        """Before anything was wanted or sent."""
+
+        def first() -> Inputs:
+            asked = self.inner.advance(state, measurement, reference, self.period)[0]
+            return self.vehicle.allocate(asked, measurement)
+
+        nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(first))
+        return Remembered(compensation=self.compensation.hold(nothing), prediction=self.prediction.hold(nothing))
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
         """Nothing of it flows: the state of the inner law jumps."""
@@ -121,14 +146,14 @@ class Sampled(Wrapping):
         state = self.inner.init(measurement, reference)
 
         begun = jax.eval_shape(lambda: self.step(state, measurement, reference))
-        nothing, kept = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), (begun.command, begun.compensation))
-        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), compensation=kept)
+        nothing, memory = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), (begun.command, begun.memory))
+        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
 
     def jump(
         self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference, h: Float[Array, ""]
     ) -> Computed:
         """The computer's work at one instant."""
-        return self.step(memory.law, measurement, reference, memory.compensation)
+        return self.step(memory.law, measurement, reference, memory.memory)
 
     def law(
         self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference
@@ -183,6 +208,7 @@ class Sampled(Wrapping):
     def faults(self, plant: Plant) -> list[Fault]:
         """A vehicle of another kind than the plant, or limits that are not one for each input."""
         found = super().faults(plant) + self.compensation.faults(self.vehicle, "compensation.")
+        found += self.prediction.faults(self.vehicle, float(self.period), "prediction.")
         names, limits = ", ".join(self.vehicle.actuators), self.anti_windup.limits
         if self.vehicle.actuators != plant.actuators:
             rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"

@@ -58,6 +58,13 @@ class Driven(Plant):
             reached=jnp.zeros_like(jnp.asarray(start.position)),
         )
 
+    def seen(self, measurement: Measurement) -> BaseState:
+        """Its motors have reached what moves it so, besides its drift."""
+        along, _ = into_body(measurement.velocity, measurement.heading)
+        _, drift = self.body(jnp.zeros_like(measurement.position))
+        reached = self.asked(jnp.stack([along, measurement.yaw_rate - drift]))
+        return BaseState(position=measurement.position, heading=measurement.heading, reached=reached)
+
     def allocate(self, command: Command, measurement: Measurement) -> Inputs:
         """What to send for a law's twist.
 

@@ -74,6 +74,11 @@ class Steered(Plant):
         """Wheelbase [m]: from the rear axle to the reference point, eq. (2)."""
         return self.lf + self.lr
 
+    def seen(self, measurement: Measurement) -> PyTree:
+        """The state that a measurement tells, its wheel where it was measured to be."""
+        state, angle = super().seen(measurement), measurement.steering_angle
+        return state if angle is None else dataclasses.replace(state, steering_angle=angle)
+
     def lever(self) -> Real:
         """L of eq. (2) [m]."""
         return self.L

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -43,6 +44,10 @@ class Rolling(Plant):
             speed=along,
             yaw_rate=across / self.L,
         )
+
+    def seen(self, measurement: Measurement) -> RollingState:
+        """The state that a measurement tells, its yaw rate as it was measured."""
+        return dataclasses.replace(super().seen(measurement), yaw_rate=measurement.yaw_rate)
 
     def move(self, state: RollingState, a: Array, alpha: Array, disturbance: Array) -> RollingState:
         """The body, eqs. (1)-(4), under accelerations a [m/s^2] and alpha [rad/s^2] and a disturbance (3,).

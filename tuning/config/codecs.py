@@ -221,7 +221,7 @@ SLOPE = Codec(_slope, lambda writer, key, slopes: writer.fields(key, slopes), ob
 CODECS = {
     "scenario.deadzone": Codec(_deadzones, _write_deadzones),
     "scenario.actuators": Codec(_chains, _write_chains, rule=CHAINS),
-    "controller.compensation.believed": Codec(_believed, _write_believed),
+    **{f"controller.{part}.believed": Codec(_believed, _write_believed) for part in ("compensation", "prediction")},
     "ensemble.draws": _named(draw, NAMED["ensemble.draws"]),
     "ensemble.correlation": Codec(_correlation, lambda writer, key, x: x._asdict(), setting=Correlation),
     "tune.gains": _gains(),

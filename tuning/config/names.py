@@ -62,6 +62,7 @@ CLASSES: Classes = {
     "controller.inner.filter": FILTERS,
     "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
     "controller.compensation": {"none": agvjax.NoCompensation, "inverse": agvjax.Inverse},
+    "controller.prediction": {"none": agvjax.NoPrediction, "predictor": agvjax.Predictor},
     "controller.vehicle": PLANTS,
     **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
     "scenario.plant": PLANTS,

@@ -143,7 +143,9 @@ class Reader:
             default = dataclasses.replace(default, compensation=self.of_scenario(default.compensation))
         if isinstance(default, (agvjax.Sampled, agvjax.Compensated)):
             return dataclasses.replace(default, vehicle=self.plant)
-        return dataclasses.replace(default, believed=self.deadzone) if isinstance(default, agvjax.Inverse) else default
+        if isinstance(default, (agvjax.Inverse, agvjax.Predictor)):
+            return dataclasses.replace(default, believed=self.deadzone)
+        return default
 
     def make(self, key: str, default: Any, table: Mapping[str, Toml], recipe: Recipe) -> Any:
         """An object that a recipe makes from the table."""

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, PyTree
 import agvjax
 from agvjax import Measurement, Sampled
 from agvjax.controllers.following import Followed
+from agvjax.controllers.sampled import Remembered
 from agvjax.messages import Reference
 
 from ..io.files import Json
@@ -29,7 +30,7 @@ class Kept:
     """The state of a computer that remembers more than the law inside does."""
 
     law: PyTree
-    compensation: PyTree
+    memory: Remembered
 
 
 def start(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
@@ -47,9 +48,9 @@ def step(controller: Sampled, state: PyTree, measurement: Measurement, reference
         before = jax.lax.cond(going, lambda: state, lambda: begun(controller, measurement, reference))
     else:
         before = _chosen(going, state, begun(controller, measurement, reference))
-    state_of_law, memory = (before.law, before.compensation) if isinstance(before, Kept) else (before, None)
+    state_of_law, memory = (before.law, before.memory) if isinstance(before, Kept) else (before, None)
     computed = controller.step(state_of_law, measurement, reference, memory)
-    later, inputs = _kept(computed.law, computed.compensation), computed.command.inputs
+    later, inputs = _kept(computed.law, computed.memory), computed.command.inputs
     sound = _finite((measurement, _asked(reference))) & _finite((_own(later), inputs))
     return {
         "state": _chosen(sound, later, state),
@@ -62,12 +63,12 @@ def step(controller: Sampled, state: PyTree, measurement: Measurement, reference
 def begun(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
     """The state of a computer that starts here."""
     computed = controller.hold(measurement, reference)
-    return _kept(computed.law, computed.compensation)
+    return _kept(computed.law, computed.memory)
 
 
-def _kept(law: PyTree, compensation: PyTree) -> PyTree:
+def _kept(law: PyTree, memory: Remembered) -> PyTree:
     law = without_corridor(law)
-    return Kept(law=law, compensation=compensation) if jax.tree.leaves(compensation) else law
+    return Kept(law=law, memory=memory) if jax.tree.leaves(memory) else law
 
 
 def without_corridor(state: PyTree) -> PyTree:

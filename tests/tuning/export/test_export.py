@@ -42,6 +42,10 @@ LAWS = {
     "inverse": dataclasses.replace(
         LIMITED, compensation=agvjax.Inverse(believed=agvjax.Unicycle().deadzones(), lead=0.05)
     ),
+    "predicting": dataclasses.replace(
+        LIMITED,
+        prediction=agvjax.Predictor(delay=0.05, believed=agvjax.Unicycle().deadzones()),
+    ),
     "osfc": agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle()),
     "stateless": agvjax.Sampled(inner=agvjax.FTSMC(), vehicle=agvjax.Unicycle()),
 }
@@ -117,8 +121,8 @@ def by_jax(law, inputs, count):
 
     def step(state, *seen):
         kept = isinstance(state, Kept)
-        done = law.step(state.law, *seen, state.compensation) if kept else law.step(state, *seen)
-        return (done.law, done.compensation), done.command.inputs, done.limited
+        done = law.step(state.law, *seen, state.memory) if kept else law.step(state, *seen)
+        return (done.law, done.memory), done.command.inputs, done.limited
 
     return flat(jax.jit(jax.vmap(step))(*inputs), count)
 
@@ -155,7 +159,11 @@ def deviation(got, wanted, whole=False):
 
 @needs_gcc
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[] if n in ("limited", "stateless", "inverse") else pytest.mark.slow) for n in LAWS]
+    "name",
+    [
+        pytest.param(n, marks=[] if n in ("limited", "stateless", "inverse", "predicting") else pytest.mark.slow)
+        for n in LAWS
+    ],
 )
 def test_c_agrees_on_ten_thousand_random_inputs(name, exported, tmp_path):
     law = exported(name).controller

@@ -1,0 +1,114 @@
+"""What a computer does about delay: it acts on where the vehicle will be when its command arrives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, PyTree
+
+from .._pytree import NONNEGATIVE, Real, number, pytree, structure
+from ..actuators.deadzone import Deadzone
+from ..errors import Fault
+from ..integrate import RK4
+from ..messages import Measurement, Reference, Start
+from ..protocols import Inputs, Plant
+
+MOST_SLOTS = 64  # each is a step of the believed vehicle, written out
+
+
+class Prediction:
+    """What the law is told for what was measured; by default just that."""
+
+    def hold(self, sent: Inputs) -> PyTree:
+        """The memory before anything was sent; `sent` has the shapes."""
+        return ()
+
+    def ahead(self, memory: PyTree, vehicle: Plant, measurement: Measurement, period: Real) -> Measurement:
+        """What will be measured when what is sent now arrives."""
+        return measurement
+
+    def asked(self, reference: Reference) -> Reference:
+        """What the path will ask for then."""
+        return reference
+
+    def remembering(self, memory: PyTree, sent: Inputs) -> PyTree:
+        """The memory with one more input."""
+        return memory
+
+    def faults(self, vehicle: Plant, period: float, prefix: str = "") -> list[Fault]:
+        """What of it does not suit the vehicle that a computer believes in; keys after the `prefix`."""
+        return []
+
+
+@pytree
+class NoPrediction(Prediction):
+    """The law acts on what was measured."""
+
+
+@pytree
+class Predictor(Prediction):
+    """Replays the inputs that are under way through the vehicle that is believed in, from what was measured.
+
+    Of a delay T an input that was sent j periods ago acts from T - j periods to T - (j - 1) periods ahead; each such
+    stretch is one step of RK4 of the computer's `vehicle` behind the `believed` deadzones, without disturbance. What
+    the path asks for is continued by its derivatives. Begins with the measurement each time, so that an error of the
+    belief does not add up; noise of the measurement is carried along.
+
+    Source: Smith, Closer control of loops with dead time, Chem. Eng. Progress 53, 1957, in the form of Astrom and
+    Wittenmark, Computer-Controlled Systems, sec. 4.7: prediction of the state over the delay.
+    """
+
+    delay: Real = number(0.1, "s", NONNEGATIVE, "from the instant of a command until it acts")
+    believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)
+    slots: int = structure(4)  # inputs remembered: at least the delay in periods
+
+    def hold(self, sent: Inputs) -> dict[str, Array]:
+        """Nothing is under way: by actuator zeros, the newest first."""
+        return {name: jnp.zeros((self.slots, *jnp.shape(u)), jnp.result_type(u)) for name, u in sent.items()}
+
+    def ahead(self, memory: dict[str, Array], vehicle: Plant, measurement: Measurement, period: Real) -> Measurement:
+        """RK4 of the believed vehicle over the delay."""
+        state = vehicle.seen(measurement)
+        delivered = {name: jnp.zeros_like(line[0]) for name, line in memory.items()}
+        calm = jnp.zeros(3, measurement.heading.dtype)
+        for j in reversed(range(self.slots)):  # written out: a loop of so few steps would cost more
+            delivered = {n: self.believed[n](x[j]) if n in self.believed else x[j] for n, x in memory.items()}
+            h = jnp.clip(self.delay - j * period, 0.0) - jnp.clip(self.delay - (j + 1) * period, 0.0)
+
+            def rate(x: PyTree, inputs: Inputs) -> tuple[PyTree, tuple[()]]:
+                return vehicle.derivative(x, (), inputs, calm), ()
+
+            state, _ = RK4.advance(rate, state, h, [delivered] * len(RK4.nodes))
+        return vehicle.output(state, delivered)
+
+    def asked(self, reference: Reference) -> Reference:
+        """Continued by velocity, acceleration and heading rate."""
+        T, v, a = self.delay, reference.velocity, reference.acceleration
+        return dataclasses.replace(
+            reference,
+            position=reference.position + T * v + T**2 / 2 * a,
+            velocity=v + T * a,
+            heading=reference.heading + T * reference.heading_rate,
+        )
+
+    def remembering(self, memory: dict[str, Array], sent: Inputs) -> dict[str, Array]:
+        """The newest first."""
+        return {n: jnp.concatenate([jnp.asarray(sent[n])[None], line[:-1]]) for n, line in memory.items()}
+
+    def faults(self, vehicle: Plant, period: float, prefix: str = "") -> list[Fault]:
+        """Too few slots or too many, beliefs about no actuator, or a vehicle that remembers."""
+        found, longest = [], float(np.max(np.asarray(self.delay)))
+        needed = int(np.ceil(longest / period - 1e-9))
+        if not needed <= self.slots <= MOST_SLOTS:
+            rule = f"at least {needed}, the delay of {longest:g} s in periods of {period:g} s, at most {MOST_SLOTS}"
+            found.append(Fault(f"{prefix}slots", self.slots, rule))
+        if not set(self.believed) <= set(vehicle.actuators):
+            rule = f"by actuator of the vehicle, {', '.join(vehicle.actuators)}"
+            found.append(Fault(f"{prefix}believed", ", ".join(self.believed), rule))
+        if jax.tree.leaves(vehicle.hold(vehicle.start(Start()))):
+            found.append(Fault("vehicle", type(vehicle).__name__, "one without a memory, which no measurement tells"))
+        return found
