@@ -76,6 +76,7 @@ from .plants.tyre import LinearTyre, SaturatingTyre
 from .plants.unicycle import Unicycle
 from .protocols import Disturbance, Element, Heading, Law, Motion, Path, Plant, Reach, Sensor
 from .scenario import Scenario
+from .schedule import Schedule
 from .sensor import Noise
 from .simulate import Trajectory, simulate
 from .timing import Timing
@@ -88,7 +89,7 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
-__all__ += ["Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor"]
+__all__ += ["Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor", "Schedule"]
 __all__ += ["PathLQR", "PathPID", "RegulatedPurePursuit", "Stanley", "VelocityReference"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]

@@ -14,6 +14,7 @@ from .integrate import Integrator
 from .leaves import cast, children, fits, metadata_of
 from .protocols import Law
 from .scenario import Scenario
+from .schedule import Schedule, extremes
 from .timing import whole
 
 T = TypeVar("T")
@@ -26,11 +27,23 @@ def faults(tree: PyTree, name: str = "") -> list[Fault]:
     listed = []
     for part, value in children(tree).items():
         key = f"{name}.{part}" if name else part
-        if children(value):
+        if isinstance(value, Schedule):
+            listed += faults(value, key) or value.faults(key) or _misplaced(key, tree, part, value)
+        elif children(value):
             listed += faults(value, key)
         elif "rule" in metadata_of(tree, part):
             listed += _broken(key, tree, part)
     return listed
+
+
+def _misplaced(key: str, tree: PyTree, part: str, schedule: Schedule) -> list[Fault]:
+    """A schedule where no single number of a law stands, or whose values break the rule of that number."""
+    field = metadata_of(tree, part)
+    if () not in field.get("shapes", ()) or part == "period" or key.split(".")[0] == "scenario":
+        return [Fault(key, "a schedule", "one or several plain numbers: schedules stand for single numbers of a law")]
+    values = np.asarray(schedule.values)
+    broken = not np.all(field["rule"].holds(values))
+    return [Fault(f"{key}.values", values.tolist(), f"each {field['rule'].text}", field["source"])] if broken else []
 
 
 def _broken(key: str, tree: PyTree, part: str) -> list[Fault]:
@@ -73,7 +86,8 @@ def step_faults(
     if not whole(steps):
         found.append(Fault("dt", dt, f"a whole fraction of the law's period, {interval:g} s", "zero-order hold"))
     fastest, source = controller.fastest
-    found += _unstable(f"the {fastest}", controller.poles(), dt, integrator, source)
+    poles = np.concatenate([law.poles() for law in extremes(controller)])
+    found += _unstable(f"the {fastest}", poles, dt, integrator, source)
     for name, part in {} if scenario is None else scenario.actuators.items():
         for key, element in part.elements(f"actuators.{name}"):
             found += [fault._replace(key=f"{key}.{fault.key}") for fault in element.faults(interval)]
@@ -90,8 +104,10 @@ def _unstable(part: str, poles: np.ndarray, dt: float, integrator: Integrator, s
 
 def step_warnings(controller: Law, dt: float, integrator: Integrator) -> list[str]:
     """Gains that a stable step follows badly: a mode they set is off by more than 1 % over its own time constant."""
-    rates = controller.rates().items()
-    errors = {gain: max((integrator.error(pole * dt) for pole in poles), default=0.0) for gain, poles in rates}
+    rates = [item for law in extremes(controller) for item in law.rates().items()]
+    errors: dict[str, float] = {}
+    for gain, poles in rates:
+        errors[gain] = max((integrator.error(pole * dt) for pole in poles), default=errors.get(gain, 0.0))
     coarse = [f"{gain} ({error:.0%})" for gain, error in errors.items() if error > COARSE]
     return [f"dt = {dt:g} s is coarse: error of the modes that gains set, {', '.join(coarse)}"] if coarse else []
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -14,6 +14,7 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import PyTree
 
 from ._pytree import Rule
+from .schedule import Schedule
 
 
 def cast(tree: PyTree, dtype: DTypeLike) -> PyTree:
@@ -106,6 +107,22 @@ def misshapen(tree: PyTree) -> str:
     return ""
 
 
+def spread(tree: PyTree, names: Iterable[str]) -> tuple[str, ...]:
+    """Names of single numbers, of a schedule those of all its values: `k1` -> `k1.values[0]`, `k1.values[1]`."""
+    known, each = leaves(tree), []
+    for name in names:
+        values = known.get(f"{name}.values")
+        each += [name] if values is None else [f"{name}.values[{i}]" for i in range(np.size(values))]
+    return tuple(each)
+
+
+def stands_for(tree: PyTree, name: str) -> str:
+    """`k1.values[0]` -> `k1`, the number that a schedule with this value stands for; any other name is its own."""
+    leaf, _ = element(name)
+    holder = leaf.removesuffix(".values")
+    return holder if holder != leaf and isinstance(get(tree, holder), Schedule) else name
+
+
 def unit_of(tree: PyTree, name: str) -> str:
     """The unit written beside the field of a dotted name; empty where there is none."""
     return metadata_of(tree, name).get("unit", "")
@@ -116,7 +133,10 @@ def metadata_of(tree: PyTree, name: str) -> Mapping[str, Any]:
     *parents, last = [name] if name in children(tree) else name.split(".")  # a dictionary's name may have dots
     holder = get(tree, ".".join(parents)) if parents else tree
     fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
-    return next((f.metadata for f in fields if f.name == last), {})
+    found = next((f.metadata for f in fields if f.name == last), {})
+    if parents and isinstance(holder, Schedule) and last == "values":  # their rule and unit are those of the number
+        return {**found, **metadata_of(tree, ".".join(parents)), "shapes": found["shapes"], "above": ""}
+    return found
 
 
 def swap(node: PyTree, values: Mapping[str, PyTree]) -> PyTree:

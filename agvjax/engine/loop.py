@@ -22,6 +22,7 @@ from ..paths.place import Place
 from ..paths.route import Route
 from ..protocols import Element, Inputs, Law, Plant, Sensor
 from ..scenario import Scenario
+from ..schedule import scheduled
 from .beside import Beside
 
 RESOLUTION = 1e-3  # m and rad, to which a run must know positions and headings
@@ -145,7 +146,9 @@ def _respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, si
 
     def once(delivered: Inputs) -> Response:
         measurement = look(memory.sensor, plant.output(flow.plant, delivered))
-        command, law_rate = controller.law(flow.controller, memory.controller, measurement, signals.reference)
+        command, law_rate = scheduled(controller, measurement).law(
+            flow.controller, memory.controller, measurement, signals.reference
+        )
         inputs = _allocate(plant, command, measurement)
         delivered, actuator_rates = _actuate(scenario, flow.actuators, memory.actuators, inputs)
         return Response(measurement, command, inputs, delivered, actuator_rates, law_rate)
@@ -188,6 +191,7 @@ def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, 
     measurement = plant.output(state, {name: jnp.zeros_like(state.heading) for name in plant.actuators})
     sensed = sensor(scenario).hold(measurement)
     measurement = sensor(scenario)(sensed, measurement)
+    controller = scheduled(controller, measurement)
     law, memory = controller.init(measurement, signals.reference), controller.hold(measurement, signals.reference)
     command, _ = controller.law(law, memory, measurement, signals.reference)
     inputs = _allocate(plant, command, measurement)
@@ -210,7 +214,7 @@ def jump(
         memory = dataclasses.replace(memory, route=place)
     sensed = sensor(scenario).jump(memory.sensor, true, h)
     measurement = sensor(scenario)(sensed, true)
-    law = controller.jump(flow.controller, memory.controller, measurement, signals.reference, h)
+    law = scheduled(controller, measurement).jump(flow.controller, memory.controller, measurement, signals.reference, h)
     return dataclasses.replace(memory, controller=law, sensor=sensed)
 
 

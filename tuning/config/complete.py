@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 import agvjax
+from agvjax.leaves import spread
 from agvjax.metric_table import metrics_of
 
 from ..ensemble.draws import Usual, correlated, default_draws
@@ -49,6 +50,8 @@ def complete(config: Config) -> Config:
     goals = default_goals(known, config.simulate.horizon, follows, config.criteria.late)
     limits = default_limits(known, follows)
     tune = _filled(config.tune, gains=law.gains_to_tune(plant.commands_heading), goals=goals, limits=limits)
+    if not isinstance(tune.gains, str):
+        tune = dataclasses.replace(tune, gains=spread(law, tune.gains or ()))
     wanted = FOLLOWED_METRICS if follows else SWEPT_METRICS
     metrics = tuple(name for name in wanted if name in known)
     sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))

@@ -76,6 +76,10 @@ class Reader:
             return self.pick(key, default, table)
         if key in CODECS:
             return self.coded(key, default, table)
+        if key.startswith("controller.") and isinstance(default, (agvjax.Schedule, float, int)):
+            if isinstance(table, Mapping):
+                return self.fields(key, default if isinstance(default, agvjax.Schedule) else agvjax.Schedule(), table)
+            default = 1.0 if isinstance(default, agvjax.Schedule) else default
         if default is None:
             self.wrong(key, table, "absent: it can be set in Python only")
             return default

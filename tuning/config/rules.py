@@ -11,6 +11,7 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.errors import told_apart
 from agvjax.protocols import Element
+from agvjax.schedule import extremes
 from agvjax.timing import whole
 
 from ..ensemble.draws import correlated
@@ -42,7 +43,8 @@ def vehicle_faults(config: Config) -> list[Fault]:
     scenario, wrong = config.scenario, agvjax.faults(config)
     if scenario.heading is not None:
         wrong += [fault._replace(key=f"scenario.{fault.key}") for fault in scenario.heading.faults(scenario.path)]
-    return wrong + [fault._replace(key=f"controller.{fault.key}") for fault in config.controller.faults(scenario.plant)]
+    suits = extremes(config.controller)[1].faults(scenario.plant) if not wrong else []
+    return wrong + [fault._replace(key=f"controller.{fault.key}") for fault in suits]
 
 
 def check(config: Config, rules: Rules = faults) -> Config:

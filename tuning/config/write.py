@@ -38,6 +38,8 @@ class Writer:
         if key in CODECS:
             codec = CODECS[key]
             return codec.write(self, key, value) if isinstance(value, codec.setting) else value
+        if isinstance(value, agvjax.Schedule):
+            return self.fields(key, value)
         if not dataclasses.is_dataclass(usual):
             return value
         if type(value) is not type(usual):

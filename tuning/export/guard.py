@@ -14,6 +14,7 @@ from agvjax import Measurement, Sampled
 from agvjax.controllers.following import Followed
 from agvjax.controllers.sampled import Remembered
 from agvjax.messages import Reference
+from agvjax.schedule import scheduled
 
 from ..io.files import Json
 
@@ -43,7 +44,7 @@ def start(controller: Sampled, measurement: Measurement, reference: Reference) -
 
 def step(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> Json:
     """State afterwards, inputs, whether limited, and the flags of the status; groups of a `program.Program`."""
-    going = _finite(_own(state))
+    going, controller = _finite(_own(state)), scheduled(controller, measurement)
     if controller.follows():  # it searches the whole route, which no period but the first has time for
         before = jax.lax.cond(going, lambda: state, lambda: begun(controller, measurement, reference))
     else:
@@ -62,7 +63,7 @@ def step(controller: Sampled, state: PyTree, measurement: Measurement, reference
 
 def begun(controller: Sampled, measurement: Measurement, reference: Reference) -> PyTree:
     """The state of a computer that starts here."""
-    computed = controller.hold(measurement, reference)
+    computed = scheduled(controller, measurement).hold(measurement, reference)
     return _kept(computed.law, computed.memory)
 
 

@@ -13,6 +13,7 @@ from jaxtyping import PyTree
 import agvjax
 from agvjax import leaves
 from agvjax.leaves import metadata_of
+from agvjax.schedule import extremes
 
 from ..io.files import Json
 from . import names, ros2_parts
@@ -120,7 +121,7 @@ def _stable(poles: np.ndarray) -> bool:
 
 def parameters(artefact: Artefact) -> dict[str, Json]:
     """Every parameter of the node by its dotted name, as generate_parameter_library states one."""
-    highest = {name: float(x) for name, x in artefact.controller.upper_bounds(_stable).items()}
+    highest = {name: float(x) for name, x in extremes(artefact.controller)[1].upper_bounds(_stable).items()}
     law = {f"controller.{name}": _gain(artefact, name, highest.get(name)) for name in artefact.provenance["gains"]}
     return _node(artefact) | law
 

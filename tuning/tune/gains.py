@@ -12,7 +12,8 @@ from jaxtyping import Array, Float
 
 import agvjax
 from agvjax import Law, Scenario
-from agvjax.leaves import element, get, rule_of
+from agvjax.leaves import element, get, rule_of, spread, stands_for
+from agvjax.schedule import extremes
 
 from ..config.settings import Config, Tune
 from ..ensemble.draws import Draw, lowest
@@ -116,7 +117,9 @@ class Gains(NamedTuple):
 def own(config: Config) -> tuple[str, ...]:
     """The gains that the law names to be tuned, without those that are tied."""
     heading = config.scenario.plant.commands_heading
-    return tuple(name for name in config.controller.gains_to_tune(heading) if name not in config.tune.tied)
+    return tuple(
+        n for n in spread(config.controller, config.controller.gains_to_tune(heading)) if n not in config.tune.tied
+    )
 
 
 def names_of(config: Config) -> tuple[str, ...]:
@@ -175,20 +178,21 @@ def stability_bounds(controller: Law, scenario: Scenario, draws: Mapping[str, Dr
     """What the law's own stability conditions ask of its gains; empty for a law or a plant without any."""
     if set(scenario.deadzone) != {"position", "heading"}:
         return {}
-    return controller.stability_bounds(*smallest_slopes(scenario, draws))
+    return extremes(controller)[0].stability_bounds(*smallest_slopes(scenario, draws))
 
 
 def default_bounds(
     controller: Law, names: tuple[str, ...], stability: Mapping[str, float], dt: float, integrator: agvjax.Integrator
 ) -> dict[str, tuple[float, float]]:
     """What each gain's own rule allows, the stability conditions, and what a step of `dt` can integrate of the law."""
-    upper = controller.upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
+    upper = extremes(controller)[1].upper_bounds(lambda poles: integrator.stable_step(poles) >= dt)
     bounds = {}
     for name in names:
         allowed = rule_of(controller, element(name)[0])
         least = 0.0 if value_of(controller, name) > 0 else -np.inf  # without a rule a gain > 0 stays so
         low, high = (least, np.inf) if allowed is None else (allowed.low, allowed.high)
-        bounds[name] = (max(low, stability.get(name, low)), min(high, upper.get(name, high)))
+        of = stands_for(controller, name)
+        bounds[name] = (max(low, stability.get(of, low)), min(high, upper.get(of, high)))
     return bounds
 
 

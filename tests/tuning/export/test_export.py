@@ -17,6 +17,7 @@ import pytest
 
 import agvjax
 from agvjax.paths.heading import reference
+from agvjax.schedule import scheduled
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.write import gains_table
@@ -45,6 +46,15 @@ LAWS = {
     "predicting": dataclasses.replace(
         LIMITED,
         prediction=agvjax.Predictor(delay=0.05, believed=agvjax.Unicycle().deadzones()),
+    ),
+    "scheduled": dataclasses.replace(
+        LIMITED,
+        inner=agvjax.NeuroBackstepping(
+            k1=agvjax.Schedule(over="velocity", nodes=np.array([-0.5, 0.2, 0.9]), values=np.array([2.0, 3.0, 4.5])),
+            k2=10.0,
+            Lam=2.0,
+            omega_n=agvjax.Schedule(over="yaw_rate", nodes=np.array([0.1, 0.8]), values=np.array([30.0, 45.0])),
+        ),
     ),
     "osfc": agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle()),
     "stateless": agvjax.Sampled(inner=agvjax.FTSMC(), vehicle=agvjax.Unicycle()),
@@ -116,11 +126,11 @@ def flat(trees, count):
     return np.concatenate([np.asarray(x, float).reshape(count, -1) for x in jax.tree.leaves(trees)], axis=1)
 
 
-def by_jax(law, inputs, count):
+def by_jax(plain, inputs, count):
     """Rows of what the JAX step makes of them: state, inputs, whether limited."""
 
     def step(state, *seen):
-        kept = isinstance(state, Kept)
+        kept, law = isinstance(state, Kept), scheduled(plain, seen[0])
         done = law.step(state.law, *seen, state.memory) if kept else law.step(state, *seen)
         return (done.law, done.memory), done.command.inputs, done.limited
 
@@ -161,7 +171,9 @@ def deviation(got, wanted, whole=False):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(n, marks=[] if n in ("limited", "stateless", "inverse", "predicting") else pytest.mark.slow)
+        pytest.param(
+            n, marks=[] if n in ("limited", "stateless", "inverse", "predicting", "scheduled") else pytest.mark.slow
+        )
         for n in LAWS
     ],
 )
