@@ -44,7 +44,9 @@ class Schedule:
         """The number at x."""
         nodes, values = jnp.asarray(self.nodes), jnp.asarray(self.values)
         h, rise = jnp.diff(nodes), jnp.diff(values)
-        at = jnp.zeros_like(values) if len(values) == 2 else jnp.pad(_inner_slopes(h, rise / h), 1)
+        level = jnp.zeros_like(values[:1])
+        inner = [_inner_slopes(h, rise / h)] if len(values) > 2 else []
+        at = jnp.concatenate([level, *inner, level])
         t = jnp.clip((x - nodes[:-1]) / h, 0.0, 1.0)  # how far through each piece; no search for the one that it is in
         pieces = rise * t**2 * (3 - 2 * t) + h * t * (1 - t) * (at[:-1] * (1 - t) - at[1:] * t)
         return values[0] + jnp.sum(pieces)
