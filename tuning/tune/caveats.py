@@ -78,6 +78,10 @@ def unseen(
         ratio = float(weights @ levels / weights.sum()) if weights.sum() else 0.0
         if not ratio <= 1 + TOLERANCE:
             failures.append(f"on the validation scenarios the goal is {ratio - 1:.1%} worse than before")
+        for goal, level in zip(objective.goals, levels, strict=True):  # one of them may hide behind the others
+            words = f"on the validation scenarios {goal.name} is {level:.2f} times what it was"
+            if len(levels) > 1 and not level <= 1 + WORSE:
+                (cautions if level <= 1 + MUCH_WORSE else failures).append(words)
         over = excesses(everyone, after, baseline if budget is None else budget)
         cautions += [f"on the validation scenarios {text}" for text in over]
     return Caveats(failures, cautions + _worse(before, after, kept_before & kept))

@@ -67,6 +67,16 @@ def test_gains_that_are_worse_where_nobody_tuned_are_a_failure():
     assert failures == ["on the validation scenarios the goal is 16.7% worse than before"]
 
 
+def test_a_goal_that_hides_behind_another_is_named_and_one_that_got_much_worse_is_a_failure():
+    """Means 0.3 and 0.2, worst 0.4 and 0.45, then 0.7: the sum of ratios with weights 1 and 0.1 falls in both."""
+    both = Objective(goals=(*GOAL, Requirement("total_rmse", "worst", 0.1)), limits=())
+    before = metrics([0.2, 0.4, 0.3, 0.3])
+    failures, cautions = said(before, metrics([0.1, 0.45, 0.1, 0.15]), both)
+    assert failures == [] and "on the validation scenarios worst total_rmse is 1.12 times what it was" in cautions
+    failures, _ = said(before, metrics([0.01, 0.7, 0.04, 0.05]), both)
+    assert failures == ["on the validation scenarios worst total_rmse is 1.75 times what it was"]
+
+
 def test_what_rises_though_the_goal_falls_is_named():
     _, cautions = said(metrics([0.2, 0.4], late=[0.01, 0.02]), metrics([0.1, 0.2], late=[0.015, 0.02]))
     assert "mean rmse_late_x rose from 0.015 to 0.0175 m (+17%)" in cautions
