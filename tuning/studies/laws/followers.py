@@ -20,6 +20,7 @@ import agvjax
 from ...compute.compiled import traced
 from ...config import dump
 from ...config.settings import Config
+from ...tune.caveats import excesses
 from ...tune.finer import judged, validation
 from ...tune.problem import TuningProblem, pose
 from ..paper.cases import WORKERS
@@ -44,7 +45,8 @@ class Tuned(NamedTuple):
     searches: int
     jacobians: int
     rollouts: int  # of the whole ensemble, the look at many gain sets among them
-    before: agvjax.Metrics  # on scenarios that no law was tuned on
+    over: list[str]  # limits that are exceeded on scenarios that no law was tuned on, each with by how much
+    before: agvjax.Metrics  # on these
     after: agvjax.Metrics
 
 
@@ -101,6 +103,13 @@ class Comparison:
         tuner = self.posed(self.config.controller).tuner
         return tuner.objective.baseline(*tuner.roll(tuner.gains.coordinates(tuner.controller), tuner.scenarios()))
 
+    @functools.cached_property
+    def unseen_budget(self) -> np.ndarray:
+        """The same on the vehicles that no law is tuned on, at the finer step."""
+        metrics = judged(self.config, self.config.controller, validation(self.config))
+        objective = self.posed(self.config.controller).tuner.objective._replace(weights=None)
+        return objective.baseline(*objective.values(metrics))
+
     def tune(self, law: agvjax.Law) -> Tuned:
         """The best of a look at many gain sets and of searches from the law's own and the best of those."""
         problem = self.posed(law)
@@ -126,14 +135,15 @@ class Comparison:
             best = min(best, (progress.best, progress.best_z), key=lambda found: found[0])
         found, unseen = tuner.gains.controller(best[1], tuner.controller), validation(self.config)
         before, after = (judged(self.config, one, unseen) for one in (law, found))
+        over = excesses(tuner.objective._replace(weights=None), after, self.unseen_budget)
         names, searches = tuner.gains.names, len(places)
-        return Tuned(law, found, names, best[0][0], searches, jacobians, rollouts, before, after)
+        return Tuned(law, found, names, best[0][0], searches, jacobians, rollouts, over, before, after)
 
 
 def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
     """Tune and judge every law, two at a time; `done(name)` is called as each is ready."""
     comparison, chosen = Comparison(config), laws(config)
-    _ = comparison.budget
+    _ = comparison.budget, comparison.unseen_budget  # before there are threads
     done("the configured law's budget")
 
     def one(item: tuple[str, agvjax.Law]) -> tuple[str, Tuned]:

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from agvjax.leaves import get
-
 from ...config import gains_table
 from ...config.settings import Config
 from ...io import files
@@ -17,6 +15,7 @@ from ...io.files import Json
 from ...io.pages import grid, html
 from ...io.panels import panels
 from ...io.pictures import write_figures
+from ...tune.gains import value_of
 from .followers import LABELS, Comparison, Tuned
 
 SHOWN = ("cross_track_late", "cross_track_peak_late", "pace", "total_chatter")
@@ -33,6 +32,7 @@ def rows(found: Mapping[str, Tuned], names: tuple[str, ...]) -> list[Json]:
     made = []
     for name, tuned in found.items():
         row: Json = {"law": name, "gains": len(tuned.gains), "met": tuned.excess == 0}
+        row["over"] = "; ".join(tuned.over)
         row |= {"searches": tuned.searches, "jacobians": tuned.jacobians, "rollouts": tuned.rollouts}
         for label, metrics in (("before", tuned.before), ("after", tuned.after)):
             ok = np.asarray(metrics.ok)
@@ -75,6 +75,7 @@ def statements(made: list[Json], names: tuple[str, ...]) -> list[str]:
         said.append(f"The others, relative to it: {others}.")
     if lost := [LABELS[row["law"]] for row in made if not row["met"]]:
         said.append(f"Limits not met by: {', '.join(lost)}.")
+    said += [f"{LABELS[row['law']]}, on vehicles not tuned on: {row['over']}." for row in made if row["over"]]
     if worse := [f"{LABELS[row['law']]} {row['diverged_after']}" for row in made if row["diverged_after"]]:
         said.append(f"Diverged runs after tuning: {', '.join(worse)}.")
     return said
@@ -122,7 +123,7 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: l
     gains = grid(
         ["law", "gain", "own", "tuned"],
         [
-            [LABELS[name], gain, float(get(tuned.start, gain)), float(get(tuned.controller, gain))]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
             for name, tuned in found.items()
             for gain in tuned.gains
         ],

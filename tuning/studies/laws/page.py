@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import agvjax
-from agvjax.leaves import get
+from agvjax.leaves import spread
 
 from ...io import files
 from ...io.files import Json
 from ...io.pages import grid, html
 from ...io.panels import panels
 from ...io.pictures import write_figures
+from ...tune.gains import value_of
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -129,9 +130,9 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
     gains = grid(
         ["law", "gain", "own", "tuned"],
         [
-            [LABELS[name], gain, float(get(tuned.start, gain)), float(get(tuned.controller, gain))]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
             for name, tuned in found.items()
-            for gain in tuned.controller.gains_to_tune()
+            for gain in spread(tuned.start, tuned.controller.gains_to_tune())
         ],
     )
     said = "\n".join(f"* {line}" for line in statements(made))

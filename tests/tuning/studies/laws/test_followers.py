@@ -45,15 +45,17 @@ def measured(distances, ok):
     return agvjax.Metrics(**(fields | {"chatter": np.full((size, 2), 5.0), "ok": np.array(ok), "followed": route}))
 
 
-def made(after, excess=0.0, ok=(True, True)):
+def made(after, excess=0.0, ok=(True, True), over=()):
     law, sound = agvjax.PathPID(), (True, True)
-    return Tuned(law, law, ("k_y", "k_psi"), excess, 3, 40, 400, measured([0.1, 0.3], sound), measured(after, ok))
+    return Tuned(
+        law, law, ("k_y", "k_psi"), excess, 3, 40, 400, list(over), measured([0.1, 0.3], sound), measured(after, ok)
+    )
 
 
 def test_rows_and_words_are_those_of_numbers_known_by_hand():
     found = {
         "stanley": made([0.02, 0.04]),
-        "path_pid": made([0.01, 0.03]),
+        "path_pid": made([0.01, 0.03], over=["mean total_chatter is 17, 0.30% above its limit 16.95"]),
         "path_lqr": made([0.001, 0.002], excess=0.1),
     }
     found["regulated_pure_pursuit"] = made([0.04, np.inf], ok=(True, False))
@@ -65,6 +67,7 @@ def test_rows_and_words_are_those_of_numbers_known_by_hand():
     assert lines[2]["diverged_after"] == 1 and lines[2]["worst_cross_track_late_after"] == pytest.approx(0.04)
     said = " ".join(statements(lines, SHOWN))
     assert "Nearest to the route on average: PID, 20.0 mm." in said and "Stanley 1.50" in said
+    assert "PID, on vehicles not tuned on: mean total_chatter is 17, 0.30% above its limit 16.95." in said
     assert "Limits not met by: LQR." in said and "Diverged runs after tuning: regulated pure pursuit 1." in said
     assert "| PID | 2 | 200.0 / 20.0 | 300.0 / 30.0 | 600.0 / 60.0 | 1.5 / 1.5 | 10 / 10 | 0 / 0 | 400 | 40 |" in table(
         lines, SHOWN
