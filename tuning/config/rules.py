@@ -22,6 +22,7 @@ from .read import Reader
 from .settings import Config
 from .write import table_of
 
+NO_ROUTE = "it is of a route, and scenario.path is none"
 MOST_STEPS, MOST_SEED = 1e8, 2**31
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
 BASES = {"scenario": agvjax.Scenario} | {places[0]: base for base, places in PLACES.items() if base is not Element}
@@ -72,7 +73,10 @@ def checked(config: Config, rules: Rules, wrong: list[Fault]) -> Config:
         agvjax.InputError: lists every bad key, its value and the rule.
     """
     config = complete(config)
-    if wrong := wrong + rules(config):
+    found = rules(config)
+    if any(fault.key.startswith("scenario.path") for fault in wrong):  # what follows from that is not said again
+        found = [fault for fault in found if NO_ROUTE not in fault.rule]
+    if wrong := wrong + found:
         raise InputError(wrong)
     return config
 

@@ -116,7 +116,7 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
 def _why_not(metric: str) -> str:
     """Why a scenario does not have a metric."""
     if METRICS[metric].route:
-        return "it is of a route, and scenario.path is none"
+        return rules.NO_ROUTE
     return "this plant's heading cannot be commanded"
 
 

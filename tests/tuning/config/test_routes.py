@@ -8,6 +8,7 @@ import pytest
 import agvjax
 from tuning.config.load import load
 from tuning.config.write import dump
+from tuning.tune.rules import faults
 
 CORNERS = {"type": "route", "points": [[0, 0], [4, 0], [4, 3]], "radius": 1.0, "speed": 0.5}
 
@@ -80,6 +81,12 @@ def test_a_built_in_problem_follows_a_route(name):
     config = load([name], [])
     assert config.controller.follows() and config.scenario.path.by_arc()
     assert "cross_track_late" in config.tune.goals and set(config.tune.limits) == {"pace", "total_chatter"}
+
+
+def test_what_follows_from_a_bad_path_is_not_said_besides():
+    with pytest.raises(agvjax.InputError) as refused:
+        load(["base"], ["scenario.path.points=[[0, 0], [0, 0]]"], faults)
+    assert [fault.key for fault in refused.value.faults] == ["scenario.path.points"]
 
 
 def test_a_law_that_follows_needs_a_route():
