@@ -10,8 +10,9 @@ from commands import ROOT, python
 from tuning.cli.main import COMMANDS
 
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
-    ("agvjax", "_moved", "_pytree", "errors", "hashed", "geometry", "leaves", "integrate"),
-    ("agvjax", "messages", "timing"),
+    ("agvjax", "_moved", "_pytree", "errors", "hashed", "geometry", "integrate", "messages"),
+    ("agvjax", "schedule", "leaves"),
+    ("agvjax", "timing"),
     ("agvjax", "protocols"),
     ("agvjax", "decorator", "actuators", "paths", "disturbance"),
     ("agvjax", "plants"),

@@ -28,7 +28,7 @@ class Reader:
         self.notes: list[str] = []  # what was not read
         self.classes = classes
         self.plant: agvjax.Plant = agvjax.Decoupled()  # the scenario's
-        self.deadzone: Mapping[str, agvjax.Deadzone] = {}  # the scenario's
+        self.deadzone: Mapping[str, agvjax.Element] = {}  # the scenario's
         self.limits: Mapping[str, Limit] = {}  # the usual ones of law and scenario
 
     def wrong(self, key: str, value: Toml, rule: str, source: str = "") -> None:
