@@ -87,7 +87,7 @@ class Inverse(Compensation):
         return d / m + jnp.where(there, self.threshold * s * jnp.tanh(beyond), 0.0) * jnp.sign(d)
 
     def delivered(self, memory: Inputs, sent: Inputs) -> Inputs:
-        """Eq. (11) with the beliefs."""
+        """What the believed deadzones make of it."""
         return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
 
     def faults(self, plant: Plant, prefix: str = "") -> list[Fault]:
