@@ -23,7 +23,13 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
 # keys that earlier releases did not have: a run of theirs goes on without what they ask for
 LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
 
-FIXED = {"criteria.band": 0.05, "criteria.late": 4.0, "criteria.margin": 1.0}  # what earlier releases judged by
+FIXED = {  # what earlier releases judged by, and what their computers had nothing of
+    "criteria.band": 0.05,
+    "criteria.late": 4.0,
+    "criteria.margin": 1.0,
+    "controller.compensation": "none",
+    "controller.prediction": "none",
+}
 
 
 def warned(text: str) -> None:

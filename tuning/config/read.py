@@ -77,8 +77,9 @@ class Reader:
         if key in CODECS:
             return self.coded(key, default, table)
         if key.startswith("controller.") and isinstance(default, (agvjax.Schedule, float, int)):
-            if isinstance(table, Mapping):
-                return self.fields(key, default if isinstance(default, agvjax.Schedule) else agvjax.Schedule(), table)
+            begun = default if isinstance(default, agvjax.Schedule) else agvjax.Schedule()
+            if isinstance(table, Mapping) and (begun is default or set(table) & set(vars(begun))):
+                return self.fields(key, begun, table)
             default = 1.0 if isinstance(default, agvjax.Schedule) else default
         if default is None:
             self.wrong(key, table, "absent: it can be set in Python only")
