@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import tomllib
 
@@ -106,9 +107,13 @@ def test_an_old_sweep_is_loaded_and_completed_to_the_same_findings(sweep, tmp_pa
     out = tmp_path / "run"
     shutil.copytree(OLD / sweep, out)
     (out / "findings.json").unlink()
-    run(arguments("sweep", out, (), "--config", OLD / sweep / "config.toml", "--resume"))
+    said = "".join(run(arguments("sweep", out, (), "--config", OLD / sweep / "config.toml", "--resume")))
+    assert ("finished shards the variation" in said) == (sweep == "sweep-vehicle")
     ours, theirs = (json.loads((folder / "findings.json").read_text()) for folder in (out, OLD / sweep))
-    same(*({renamed(name): x for name, x in numbers(each).items()} for each in (ours, theirs)), 10)
+    findings = [{renamed(name): x for name, x in numbers(each).items()} for each in (ours, theirs)]
+    if "finished shards the variation" in said:  # what is computed anew leaves a computer's first command out
+        findings = [{n: x for n, x in each.items() if not re.search("chatter|variation", n)} for each in findings]
+    same(*findings, 10)
 
 
 def test_a_run_of_before_is_told_when_it_would_be_judged_otherwise():

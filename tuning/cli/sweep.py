@@ -11,6 +11,7 @@ from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..config.codecs import Toml
+from ..config.old import counts_first_command
 from ..io import files
 from ..io.numbers import INTEGER
 from ..sweep import shards, verdict, work
@@ -114,4 +115,6 @@ def _begun(
         raise InputError([Fault("--out", out, f"a new folder, or that of the same sweep; changed: {error}")]) from error
     if before.versions != manifest.versions:
         console.note(f"this sweep was begun with {before.versions}, here are {manifest.versions}")
+    if counts_first_command(before.config):
+        console.note("in its finished shards the variation of commands and of what is delivered counts the first, too")
     return out, manifest

@@ -98,3 +98,10 @@ def difference(old: str, new: str) -> str:
     keys = [key for key in dict.fromkeys((*before, *now)) if before.get(key) != now.get(key) and key not in gone]
     lines = [("was", before, key) for key in keys] + [("is", now, key) for key in keys]
     return "; ".join(f"{verb} `{key} = {table[key]}`" for verb, table, key in lines if key in table)
+
+
+def counts_first_command(text: str) -> bool:
+    """Whether a configuration is of a release that counted a computer's first command, from nothing, as variation."""
+    names = dict(flat(toml(text), ()))
+    newer = any(name.split(".")[:2] == ["controller", "compensation"] for name in names)
+    return names.get("controller.type") == "sampled" and not newer
