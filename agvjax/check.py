@@ -104,10 +104,9 @@ def _unstable(part: str, poles: np.ndarray, dt: float, integrator: Integrator, s
 
 def step_warnings(controller: Law, dt: float, integrator: Integrator) -> list[str]:
     """Gains that a stable step follows badly: a mode they set is off by more than 1 % over its own time constant."""
-    rates = [item for law in extremes(controller) for item in law.rates().items()]
     errors: dict[str, float] = {}
-    for gain, poles in rates:
-        errors[gain] = max((integrator.error(pole * dt) for pole in poles), default=errors.get(gain, 0.0))
+    for gain, poles in (item for law in extremes(controller) for item in law.rates().items()):
+        errors[gain] = max([errors.get(gain, 0.0), *(integrator.error(pole * dt) for pole in poles)])
     coarse = [f"{gain} ({error:.0%})" for gain, error in errors.items() if error > COARSE]
     return [f"dt = {dt:g} s is coarse: error of the modes that gains set, {', '.join(coarse)}"] if coarse else []
 

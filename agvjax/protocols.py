@@ -135,8 +135,8 @@ class Law:
         """How large each input may be that the law asks for; None: as large as it likes."""
         return None
 
-    def believing(self, plant: Plant) -> Law:
-        """The law with this plant in the place of the one it believes in, where it believes in one of this kind."""
+    def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
+        """The law with this plant and its deadzones for those it believes in, where it believes in such ones."""
         return self
 
     def faults(self, plant: Plant) -> list[Fault]:

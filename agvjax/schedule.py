@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ._pytree import ANY, number, pytree, structure
 from .errors import Fault
-from .geometry import into_body
+from .geometry import into_body, safe_sqrt
 from .messages import Measurement
 
 T = TypeVar("T")
@@ -60,10 +60,8 @@ class Schedule:
         if self.over == "velocity":
             return self(into_body(measurement.velocity, measurement.heading)[0])
         if self.over == "speed":
-            square = jnp.sum(measurement.velocity**2)
-            still = square == 0
-            return self(jnp.where(still, 0.0, jnp.sqrt(jnp.where(still, 1.0, square))))
-        value = measurement.yaw_rate if self.over == "yaw_rate" else measurement.steering_angle
+            return self(safe_sqrt(jnp.sum(measurement.velocity**2)))
+        value = {"yaw_rate": measurement.yaw_rate, "steering_angle": measurement.steering_angle}.get(self.over)
         if value is None:
             raise ValueError(f"a schedule over {self.over}, which the vehicle does not measure")
         return self(jnp.abs(value))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PyTree
 from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..errors import Fault
-from ..protocols import Inputs, Plant
+from ..protocols import Element, Inputs, Plant
 
 
 class Compensation:
@@ -28,12 +28,20 @@ class Compensation:
         """What to send for a period [s], and the next memory."""
         return wanted, memory
 
+    def inverted(self, wanted: Inputs) -> Inputs:
+        """What to send by what is wanted alone."""
+        return wanted
+
     def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
         """What it believes the actuators to deliver."""
         return sent
 
-    def faults(self, plant: Plant, prefix: str = "") -> list[Fault]:
-        """What of it does not suit a plant; keys are relative to it, after the `prefix`."""
+    def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
+        """The same with these deadzones for those that it believes in."""
+        return self
+
+    def faults(self, vehicle: Plant) -> list[Fault]:
+        """What of it does not suit a vehicle; keys are relative to it."""
         return []
 
 
@@ -75,7 +83,7 @@ class Inverse(Compensation):
 
     def inverted(self, wanted: Inputs) -> Inputs:
         """What must be sent, by the beliefs, for what is to be delivered."""
-        zones = self.believed
+        zones = believed_of(self.believed, wanted)
         return {name: self._step(zones[name], d) if name in zones else d for name, d in wanted.items()}
 
     def _step(self, zone: Deadzone, d: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -90,8 +98,24 @@ class Inverse(Compensation):
         """What the believed deadzones make of it."""
         return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
 
-    def faults(self, plant: Plant, prefix: str = "") -> list[Fault]:
-        """Beliefs about no actuator of the plant, or none at all."""
-        rule = f"by actuator of the vehicle, {', '.join(plant.actuators)}, at least one"
-        suits = self.believed and set(self.believed) <= set(plant.actuators)
-        return [] if suits else [Fault(f"{prefix}believed", ", ".join(self.believed) or "nothing", rule)]
+    def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
+        """Of the actuators that it believes something of."""
+        return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
+
+    def faults(self, vehicle: Plant) -> list[Fault]:
+        """Beliefs about no actuator of the vehicle, or none at all."""
+        rule = f"by actuator of the vehicle, {', '.join(vehicle.actuators)}, at least one"
+        suits = self.believed and set(self.believed) <= set(vehicle.actuators)
+        return [] if suits else [Fault("believed", ", ".join(self.believed) or "nothing", rule)]
+
+
+def believed_of(believed: Mapping[str, Deadzone], inputs: Inputs) -> Mapping[str, Deadzone]:
+    """The deadzones that are believed in.
+
+    Raises:
+        ValueError: there are none, or one is of no actuator that has an input.
+    """
+    if not believed or not set(believed) <= set(inputs):
+        known = f"the actuators are {', '.join(inputs)}, the deadzones given those of {', '.join(believed) or 'none'}"
+        raise ValueError(f"what is believed must be by actuator, believed=scenario.deadzone for one: {known}")
+    return believed

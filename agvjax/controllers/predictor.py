@@ -15,7 +15,7 @@ from ..actuators.deadzone import Deadzone
 from ..errors import Fault
 from ..integrate import RK4
 from ..messages import Measurement, Reference, Start
-from ..protocols import Inputs, Plant
+from ..protocols import Element, Inputs, Plant
 
 MOST_SLOTS = 64  # each is a step of the believed vehicle, written out
 
@@ -39,8 +39,16 @@ class Prediction:
         """The memory with one more input."""
         return memory
 
-    def faults(self, vehicle: Plant, period: float, prefix: str = "") -> list[Fault]:
-        """What of it does not suit the vehicle that a computer believes in; keys after the `prefix`."""
+    def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
+        """The same with these deadzones for those that it believes in."""
+        return self
+
+    def upper_bounds(self, period: float) -> dict[str, float]:
+        """By number what it must stay below in a computer of this period [s]."""
+        return {}
+
+    def faults(self, vehicle: Plant, period: float) -> list[Fault]:
+        """What of it does not suit the vehicle that a computer believes in; keys are relative to it."""
         return []
 
 
@@ -99,16 +107,25 @@ class Predictor(Prediction):
         """The newest first."""
         return {n: jnp.concatenate([jnp.asarray(sent[n])[None], line[:-1]]) for n, line in memory.items()}
 
-    def faults(self, vehicle: Plant, period: float, prefix: str = "") -> list[Fault]:
+    def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
+        """Of the actuators that it believes something of."""
+        return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
+
+    def upper_bounds(self, period: float) -> dict[str, float]:
+        """A delay is no longer than what is remembered."""
+        return {"delay": self.slots * period}
+
+    def faults(self, vehicle: Plant, period: float) -> list[Fault]:
         """Too few slots or too many, beliefs about no actuator, or a vehicle that remembers."""
         found, longest = [], float(np.max(np.asarray(self.delay)))
         needed = int(np.ceil(longest / period - 1e-9))
         if not needed <= self.slots <= MOST_SLOTS:
             rule = f"at least {needed}, the delay of {longest:g} s in periods of {period:g} s, at most {MOST_SLOTS}"
-            found.append(Fault(f"{prefix}slots", self.slots, rule))
+            found.append(Fault("slots", self.slots, rule))
         if not set(self.believed) <= set(vehicle.actuators):
             rule = f"by actuator of the vehicle, {', '.join(vehicle.actuators)}"
-            found.append(Fault(f"{prefix}believed", ", ".join(self.believed), rule))
+            found.append(Fault("believed", ", ".join(self.believed), rule))
         if jax.tree.leaves(vehicle.hold(vehicle.start(Start()))):
-            found.append(Fault("vehicle", type(vehicle).__name__, "one without a memory, which no measurement tells"))
+            rule = "none: the vehicle that the computer believes in has a memory, which no measurement tells"
+            found.append(Fault("type", type(self).__name__, rule))
         return found

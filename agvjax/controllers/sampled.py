@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +16,11 @@ from ..errors import Fault
 from ..leaves import leaves
 from ..messages import Command, Measurement, Reference
 from ..plants import Decoupled
-from ..protocols import Inputs, Law, Plant, Stable
+from ..protocols import Element, Inputs, Law, Plant, Stable
 from .compensation import Compensation, NoCompensation
 from .neuro_backstepping import NeuroBackstepping
 from .predictor import NoPrediction, Prediction
-from .wrapping import Wrapping
+from .wrapping import Allocating
 
 
 class AntiWindup:
@@ -72,7 +73,7 @@ class Computed:
 
 
 @pytree
-class Sampled(Wrapping):
+class Sampled(Allocating):
     """A law run every `period`, its inputs held in between (zero-order hold).
 
     `vehicle` is what the computer takes the vehicle for: a plant, whose `allocate` turns the law's command into inputs
@@ -101,7 +102,7 @@ class Sampled(Wrapping):
         `state` is that of the law inside, see `inner.init`; `memory` what else it remembers, None before the first.
         """
         speed, period, law = self.anti_windup.speed, self.period, self.inner
-        memory = self._nothing(state, measurement, reference) if memory is None else memory
+        memory = self._begun(state, measurement, reference).memory if memory is None else memory
         measurement = self.prediction.ahead(memory.prediction, self.vehicle, measurement, period)
         reference = self.prediction.asked(reference)
         advance = functools.partial(Law.advance, law) if self.euler else law.advance
@@ -121,15 +122,18 @@ class Sampled(Wrapping):
         memory = Remembered(compensation=kept, prediction=way)
         return Computed(law=later, command=command, limited=limited, memory=memory)
 
-    def _nothing(self, state: PyTree, measurement: Measurement, reference: Reference) -> Remembered:
-        """Before anything was wanted or sent."""
+    def _begun(self, state: PyTree, measurement: Measurement, reference: Reference) -> Computed:
+        """Nothing was wanted or sent yet."""
 
-        def first() -> Inputs:
+        def first() -> Command:
             asked = self.inner.advance(state, measurement, reference, self.period)[0]
-            return self.vehicle.allocate(asked, measurement)
+            inputs = self.vehicle.allocate(asked, measurement)
+            return Command(position=asked.position, heading=asked.heading, inputs=inputs)
 
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(first))
-        return Remembered(compensation=self.compensation.hold(nothing), prediction=self.prediction.hold(nothing))
+        parts = self.compensation.hold(nothing.inputs), self.prediction.hold(nothing.inputs)
+        memory = Remembered(compensation=parts[0], prediction=parts[1])
+        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
         """Nothing of it flows: the state of the inner law jumps."""
@@ -143,11 +147,7 @@ class Sampled(Wrapping):
         """
         if jax.tree.leaves(self.inner.hold(measurement, reference)):
             raise ValueError(f"Sampled runs laws without memory; {type(self.inner).__name__} has some: put it outside")
-        state = self.inner.init(measurement, reference)
-
-        begun = jax.eval_shape(lambda: self.step(state, measurement, reference))
-        nothing, memory = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), (begun.command, begun.memory))
-        return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
+        return self._begun(self.inner.init(measurement, reference), measurement, reference)
 
     def jump(
         self, flow: tuple[()], memory: Computed, measurement: Measurement, reference: Reference, h: Float[Array, ""]
@@ -174,10 +174,8 @@ class Sampled(Wrapping):
         return memory.law
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
-        """The inner law's, the heading's only where it can be commanded; the bound on speed; the compensation's."""
-        speed = ("anti_windup.speed",) if self.anti_windup.speed else ()
-        rest = (f"compensation.{name}" for name in self.compensation.tunable)
-        return (*super().gains_to_tune(self.vehicle.commands_heading), *speed, *rest)
+        """Those of the inner law and the compensation, and the bound on speed."""
+        return (*super().gains_to_tune(heading), *(("anti_windup.speed",) if self.anti_windup.speed else ()))
 
     def poles(self) -> np.ndarray:
         """No poles that the integrator's step must suit."""
@@ -191,7 +189,8 @@ class Sampled(Wrapping):
         """What a period can hold: a rate of 2 / period is where a held proportional loop ends to be stable."""
         fastest = 2 / float(self.period)
         bounds = {"k1": fastest, "k2": fastest, "k3": fastest, "omega_n": np.pi * fastest, "zeta": 3.0}
-        return {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
+        own = {f"prediction.{name}": x for name, x in self.prediction.upper_bounds(float(self.period)).items()}
+        return own | {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
 
     def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
         """No conditions: those of the inner law are proved in continuous time."""
@@ -201,18 +200,18 @@ class Sampled(Wrapping):
         """Those of its anti-windup."""
         return self.anti_windup.limits
 
-    def believing(self, plant: Plant) -> Law:
-        """With this plant as its vehicle, if it takes the vehicle for one of this kind."""
-        return dataclasses.replace(self, vehicle=plant) if type(self.vehicle) is type(plant) else self
+    def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
+        """With this plant as its vehicle, if it takes the vehicle for one of this kind; a predictor's delay stays."""
+        if type(self.vehicle) is not type(plant):
+            return self
+        knowing = dataclasses.replace(self, prediction=self.prediction.believing(deadzone))
+        return Allocating.believing(knowing, plant, deadzone)
 
     def faults(self, plant: Plant) -> list[Fault]:
-        """A vehicle of another kind than the plant, or limits that are not one for each input."""
-        found = super().faults(plant) + self.compensation.faults(self.vehicle, "compensation.")
-        found += self.prediction.faults(self.vehicle, float(self.period), "prediction.")
+        """What does not suit the vehicle, or limits that are not one for each input."""
+        found, prediction = super().faults(plant), self.prediction
+        found += [f._replace(key=f"prediction.{f.key}") for f in prediction.faults(self.vehicle, float(self.period))]
         names, limits = ", ".join(self.vehicle.actuators), self.anti_windup.limits
-        if self.vehicle.actuators != plant.actuators:
-            rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
-            found.append(Fault("vehicle", type(self.vehicle).__name__, rule))
         if limits is not None and np.size(limits) != len(self.vehicle.actuators):
             found.append(Fault("anti_windup.limits", np.asarray(limits).tolist(), f"one for each of {names}"))
         return found

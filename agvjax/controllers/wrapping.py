@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -11,8 +10,10 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from .._pytree import Real
 from ..errors import Fault
+from ..leaves import swap
 from ..messages import Command, Measurement, Reference
-from ..protocols import Law, Plant, Stable
+from ..protocols import Element, Law, Plant, Stable
+from .compensation import Compensation
 
 T = TypeVar("T")
 
@@ -48,7 +49,7 @@ class Wrapping(Law):
 
     def faster(self, factor: float) -> Law:
         """The same around the inner law for a path that is driven so many times as fast."""
-        return dataclasses.replace(self, inner=self.inner.faster(factor))  # pyright: ignore[reportArgumentType]
+        return swap(self, {"inner": self.inner.faster(factor)})
 
     def control_period(self) -> Real | None:
         """The inner law's clock [s]."""
@@ -95,13 +96,40 @@ class Wrapping(Law):
         """How large each input may be that the inner law asks for."""
         return self.inner.input_limits()
 
-    def believing(self, plant: Plant) -> Law:
+    def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
         """The same around the inner law that believes in this plant."""
-        return dataclasses.replace(self, inner=self.inner.believing(plant))  # pyright: ignore[reportArgumentType]
+        return swap(self, {"inner": self.inner.believing(plant, deadzone)})
 
     def faults(self, plant: Plant) -> list[Fault]:
         """What of the inner law does not suit a plant."""
         return [fault._replace(key=f"inner.{fault.key}") for fault in self.inner.faults(plant)]
+
+
+class Allocating(Wrapping):
+    """A law around another that turns its command into inputs, by what it takes the `vehicle` for."""
+
+    vehicle: Plant
+    compensation: Compensation
+
+    def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
+        """The inner law's, the heading's only where it can be commanded, and the compensation's."""
+        rest = (f"compensation.{name}" for name in self.compensation.tunable)
+        return (*super().gains_to_tune(self.vehicle.commands_heading), *rest)
+
+    def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
+        """With this plant as its vehicle, and its deadzones, if it takes the vehicle for one of this kind."""
+        if type(self.vehicle) is not type(plant):
+            return self
+        return swap(self, {"vehicle": plant, "compensation": self.compensation.believing(deadzone)})
+
+    def faults(self, plant: Plant) -> list[Fault]:
+        """A vehicle of another kind than the plant, or beliefs that do not suit it."""
+        found = super().faults(plant)
+        found += [f._replace(key=f"compensation.{f.key}") for f in self.compensation.faults(self.vehicle)]
+        if self.vehicle.actuators != plant.actuators:
+            rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
+            found.append(Fault("vehicle", type(self.vehicle).__name__, rule))
+        return found
 
 
 def _prefixed(named: Mapping[str, T]) -> dict[str, T]:

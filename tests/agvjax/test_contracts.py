@@ -81,8 +81,8 @@ def test_what_does_not_suit_a_plant_or_a_path_is_said_by_the_part_itself():
     law = agvjax.Sampled(vehicle=agvjax.Unicycle(), anti_windup=agvjax.BackCalculation(limits=np.ones(3)))
     first, second = law.faults(agvjax.Decoupled())
     assert (first.key, first.value, second.key) == ("vehicle", "Unicycle", "anti_windup.limits")
-    assert law.believing(agvjax.Unicycle(L=0.3)).vehicle.L == 0.3
-    assert law.believing(agvjax.Decoupled()) is law
+    assert law.believing(agvjax.Unicycle(L=0.3), {}).vehicle.L == 0.3
+    assert law.believing(agvjax.Decoupled(), {}) is law
     assert [f.key for f in EventTriggered(inner=law).faults(agvjax.Unicycle())] == ["inner.anti_windup.limits"]
     assert [f.key for f in agvjax.Bearing().faults(agvjax.Circle())] == ["heading"]
     assert agvjax.Bearing().faults(agvjax.Dumbbell()) == []

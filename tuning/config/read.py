@@ -76,7 +76,7 @@ class Reader:
             return self.pick(key, default, table)
         if key in CODECS:
             return self.coded(key, default, table)
-        if key.startswith("controller.") and isinstance(default, (agvjax.Schedule, float, int)):
+        if key.startswith("controller.") and (type(default) in (float, int) or isinstance(default, agvjax.Schedule)):
             begun = default if isinstance(default, agvjax.Schedule) else agvjax.Schedule()
             if isinstance(table, Mapping) and (begun is default or set(table) & set(vars(begun))):
                 return self.fields(key, begun, table)

@@ -44,8 +44,10 @@ def vehicle_faults(config: Config) -> list[Fault]:
     scenario, wrong = config.scenario, agvjax.faults(config)
     if scenario.heading is not None:
         wrong += [fault._replace(key=f"scenario.{fault.key}") for fault in scenario.heading.faults(scenario.path)]
-    suits = extremes(config.controller)[1].faults(scenario.plant) if not wrong else []
-    return wrong + [fault._replace(key=f"controller.{fault.key}") for fault in suits]
+    if any(fault.key.startswith("controller") for fault in wrong):  # of numbers that are none, nothing can be asked
+        return wrong
+    found = [fault for law in extremes(config.controller) for fault in law.faults(scenario.plant)]
+    return wrong + unique(fault._replace(key=f"controller.{fault.key}") for fault in found)
 
 
 def check(config: Config, rules: Rules = faults) -> Config:

@@ -52,12 +52,15 @@ class Model(NamedTuple):
     def start(self, measured: Float[Array, "6"]) -> Float[Array, " n"]:
         """The plant's state, flat, for x, y, heading, vx, vy and yaw rate.
 
-        A start has no yaw rate. Where the state tells one, the state is moved until it is as measured and the rest
-        stays: a vehicle that spins would else be a turn off before a stretch ends.
+        What `Plant.seen` of a plant of one's own makes of a measurement may leave the yaw rate out. Where the state
+        tells one, it is moved until that is as measured and the rest stays: a vehicle that spins would else be a turn
+        off before a stretch ends.
         """
         plant = self.scenario.plant
-        start = agvjax.Start(position=measured[:2], velocity=measured[3:5], heading=measured[2])
-        flat, unflatten = ravel_pytree(plant.start(start))
+        told = agvjax.Measurement(
+            position=measured[:2], velocity=measured[3:5], heading=measured[2], yaw_rate=measured[5]
+        )
+        flat, unflatten = ravel_pytree(plant.seen(told))
         columns = {name: columns_of(self.commands, name) for name in plant.actuators}
         still = self.split(jnp.zeros(sum(map(len, columns.values())), flat.dtype))
 

@@ -43,7 +43,7 @@ def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     correlation = _correlation(verdict)
     draws = draws if correlation is None else correlated(draws, correlation)
     ensemble = dataclasses.replace(config.ensemble, draws=draws, correlation=correlation)
-    controller = config.controller.believing(scenario.plant)
+    controller = config.controller.believing(scenario.plant, scenario.deadzone)
     return dataclasses.replace(config, scenario=scenario, ensemble=ensemble, controller=controller)
 
 

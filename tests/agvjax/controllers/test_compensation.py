@@ -220,3 +220,31 @@ def test_in_continuous_time_it_is_named_in_toml_and_has_no_lead():
 def test_its_gains_are_tuned_with_the_laws():
     law = Sampled(vehicle=Base(), inner=agvjax.PathPID(), compensation=Inverse(believed=Base().deadzones()))
     assert law.gains_to_tune()[-4:] == tuple(f"compensation.{n}" for n in ("slope", "threshold", "width", "quiet"))
+
+
+def test_beliefs_that_name_nothing_are_refused_when_the_loop_is_built():
+    law = Sampled(vehicle=agvjax.Unicycle(), period=0.05)
+    for believed in ({}, {"left": ZONE}):
+        with pytest.raises(ValueError, match="believed=scenario.deadzone"):
+            wrong = dataclasses.replace(law, compensation=Inverse(believed=believed))
+            agvjax.simulate(wrong, Scenario.of(agvjax.Unicycle()), dt=0.01, n_steps=5)
+
+
+def test_what_is_identified_is_believed():
+    """Of the actuators that were believed in, whatever else was found."""
+    plant, found = Base(track=0.6), {"left": ZONE, "right": Deadzone(threshold_right=0.2)}
+    law = Sampled(
+        vehicle=Base(),
+        inner=agvjax.PathPID(),
+        compensation=Inverse(believed={"left": Deadzone()}, slope=1.2),
+        prediction=agvjax.Predictor(believed=Base().deadzones()),
+    ).believing(plant, found)
+    assert law.vehicle is plant and law.compensation.believed == {"left": ZONE} and law.compensation.slope == 1.2
+    assert law.prediction.believed == found
+    paper = agvjax.Compensated().believing(agvjax.Decoupled(L=0.4), {"position": ZONE, "heading": ZONE})
+    assert paper.vehicle.L == 0.4 and paper.compensation.believed["heading"] is ZONE
+
+
+def test_a_delay_is_tuned_within_what_is_remembered():
+    law = Sampled(vehicle=Base(), inner=agvjax.PathPID(), period=0.05, prediction=agvjax.Predictor(slots=5))
+    assert law.upper_bounds(lambda poles: True)["prediction.delay"] == 0.25

@@ -296,7 +296,7 @@ def test_a_stretch_begins_with_the_yaw_rate_of_its_headings(log_of, lever):
     segments, _ = cut([log], 2.0, 0.5, 5.0)
     states = first_states(model, [log], segments)
     t = np.array([log.t[rows[live > 0][0]] for rows, live in zip(segments.rows, segments.live, strict=True)]) + 0.15
-    assert model.start(jnp.zeros(5)).size == 5
+    assert model.start(jnp.zeros(6)).size == 5
     assert np.abs(states[:, 4] - (0.5 + 0.4 * np.sin(0.7 * t))).max() < 0.05
 
 
