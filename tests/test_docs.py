@@ -27,7 +27,7 @@ SMALL = {
     "simulate": FAST,
     "tune": [*FAST, "ensemble.size=4", "ensemble.validation_size=2", "tune.iterations=2", *LITTLE_SEARCH],
     "sweep": [*FAST, "sweep.samples=2", "sweep.radius=false"],
-    "identify": ["identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
+    "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
     "export": [],
 }
 FENCE = re.compile(r"```(\w+)\n(.*?)```", re.S)
