@@ -97,10 +97,17 @@ def extremes(tree: T) -> tuple[T, T]:
     return _with(tree, lambda s: float(np.min(s.values))), _with(tree, lambda s: float(np.max(s.values)))
 
 
-def _with(tree: T, number: Any) -> T:
-    def is_one(x: Any) -> bool:
-        return isinstance(x, Schedule)
+def schedules(tree: Any) -> dict[str, Schedule]:
+    """All schedules of a law by their dotted names."""
+    named = jax.tree_util.tree_leaves_with_path(tree, is_leaf=_is_one)
+    return {jax.tree_util.keystr(path, simple=True, separator="."): x for path, x in named if _is_one(x)}
 
-    if not any(map(is_one, jax.tree.leaves(tree, is_leaf=is_one))):
+
+def _with(tree: T, number: Any) -> T:
+    if not schedules(tree):
         return tree
-    return jax.tree.map(lambda x: number(x) if is_one(x) else x, tree, is_leaf=is_one)
+    return jax.tree.map(lambda x: number(x) if _is_one(x) else x, tree, is_leaf=_is_one)
+
+
+def _is_one(x: Any) -> bool:
+    return isinstance(x, Schedule)

@@ -143,6 +143,7 @@ def test_it_is_written_in_toml_tuned_by_its_values_and_taken_back(tmp_path):
     ("setting", "message"),
     [
         (TABLE.replace("speed", "load"), r"k_y\.over = load: must be one of speed, velocity"),
+        (TABLE.replace("speed", "steering_angle"), r"k_y\.over = steering_angle: must be what the vehicle measures"),
         (TABLE.replace("[0.2, 0.8]", "[0.8, 0.2]"), r"k_y\.nodes = \[0\.8, 0\.2\]: must be at least two"),
         (TABLE.replace("[8.0, 5.0]", "[8.0]"), r"k_y\.values = \[8\.0\]: must be one for each node, 2"),
         (TABLE.replace("5.0]", "-5.0]"), r"k_y\.values = \[8\.0, -5\.0\]: must be each > 0"),

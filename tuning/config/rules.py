@@ -5,13 +5,14 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable
 
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
 from agvjax import Fault, InputError
 from agvjax.errors import told_apart
 from agvjax.protocols import Element
-from agvjax.schedule import extremes
+from agvjax.schedule import MEASURED, extremes, schedules
 from agvjax.timing import whole
 
 from ..ensemble.draws import correlated
@@ -47,7 +48,16 @@ def vehicle_faults(config: Config) -> list[Fault]:
     if any(fault.key.startswith("controller") for fault in wrong):  # of numbers that are none, nothing can be asked
         return wrong
     found = [fault for law in extremes(config.controller) for fault in law.faults(scenario.plant)]
+    found += _unmeasured(config.controller, scenario.plant)
     return wrong + unique(fault._replace(key=f"controller.{fault.key}") for fault in found)
+
+
+def _unmeasured(law: agvjax.Law, plant: agvjax.Plant) -> list[Fault]:
+    """Schedules over what a plant does not measure."""
+    seen = plant.output(plant.start(agvjax.Start()), dict.fromkeys(plant.actuators, jnp.zeros(())))
+    known = [name for name in MEASURED if name != "steering_angle" or seen.steering_angle is not None]
+    rule = f"what the vehicle measures: {', '.join(known)}"
+    return [Fault(f"{key}.over", x.over, rule) for key, x in schedules(law).items() if x.over not in known]
 
 
 def check(config: Config, rules: Rules = faults) -> Config:
