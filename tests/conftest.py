@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 import jax
+import pytest
 
 KEPT = Path(tempfile.gettempdir()) / "agvjax-test-cache"
 os.environ["XDG_CACHE_HOME"] = str(KEPT)  # of every command that a test runs
@@ -13,3 +14,14 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_compilation_cache_dir", str(KEPT))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+MAPS = Path("/proc/self/maps")
+MANY = 8_000  # pieces of memory; Linux lets a process have 65 530, and Python slows down long before
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_programs_are_let_go():
+    """Those of all tests together are more than a process may hold, and each of them makes Python collect longer."""
+    yield
+    if MAPS.exists() and len(MAPS.read_bytes().splitlines()) > MANY:
+        jax.clear_caches()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 import agvjax
@@ -54,7 +54,8 @@ def vehicle_faults(config: Config) -> list[Fault]:
 
 def _unmeasured(law: agvjax.Law, plant: agvjax.Plant) -> list[Fault]:
     """Schedules over what a plant does not measure."""
-    seen = plant.output(plant.start(agvjax.Start()), dict.fromkeys(plant.actuators, jnp.zeros(())))
+    nothing = dict.fromkeys(plant.actuators, jax.ShapeDtypeStruct((), float))
+    seen = jax.eval_shape(plant.output, jax.eval_shape(plant.start, agvjax.Start()), nothing)  # computes nothing
     known = [name for name in MEASURED if name != "steering_angle" or seen.steering_angle is not None]
     rule = f"what the vehicle measures: {', '.join(known)}"
     return [Fault(f"{key}.over", x.over, rule) for key, x in schedules(law).items() if x.over not in known]

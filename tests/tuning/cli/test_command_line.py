@@ -726,6 +726,14 @@ from tuning.tune.rules import faults
 for files in ([], ["unicycle"], ["car"], ["robot"]):
     for optimizer in ("sqp", "adam", "lbfgs"):
         config.load(files, [f"tune.optimizer={optimizer}"], faults)
+told = [
+    'controller.inner={type="path_pid",k_y={over="speed",nodes=[0.2,0.8],values=[8.0,5.0]}}',
+    'controller.compensation="inverse"',
+    'controller.prediction={type="predictor",delay=0.1,slots=4}',
+]
+for name in ("base", "forklift"):
+    config.load([name], [], faults)
+    config.load([name], told, faults)
 assert not xla_bridge.backends_are_initialized()
 """
 
