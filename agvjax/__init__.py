@@ -28,6 +28,7 @@ from .actuators.chain import Chain
 from .actuators.deadzone import Deadzone
 from .actuators.elements import Backlash, Delay, Lag, Quantisation, RateLimit, Saturation
 from .check import check, faults, step_faults, step_warnings
+from .controllers.adaptive_inverse import AdaptiveInverse
 from .controllers.asmc import ASMC
 from .controllers.backstepping import Backstepping
 from .controllers.compensated import Compensated
@@ -89,7 +90,7 @@ __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATOR
 __all__ += ["demands", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
-__all__ += ["Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor", "Schedule"]
+__all__ += ["AdaptiveInverse", "Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor", "Schedule"]
 __all__ += ["PathLQR", "PathPID", "RegulatedPurePursuit", "Stanley", "VelocityReference"]
 __all__ += ["Backstepping", "CommandFilter", "NoFilter", "EventTriggered", "FractionalBackstepping"]
 __all__ += ["Oustaloup", "FullWeightBackstepping", "NeuroBackstepping", "RadialBasis"]

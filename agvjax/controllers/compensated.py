@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
 from jaxtyping import PyTree
 
 from .._pytree import pytree
-from ..errors import Fault
 from ..messages import Command, Measurement, Reference
 from ..plants import Decoupled
 from ..protocols import Law, Plant
@@ -36,11 +34,3 @@ class Compensated(Allocating):
         asked, rate = self.inner.law(flow, memory, measurement, reference)
         inputs = self.compensation.inverted(self.vehicle.allocate(asked, measurement))
         return dataclasses.replace(asked, inputs=inputs), rate
-
-    def faults(self, plant: Plant) -> list[Fault]:
-        """What does not suit the vehicle, or a lead."""
-        found, inverse = super().faults(plant), self.compensation
-        if isinstance(inverse, Inverse) and np.any(np.asarray(inverse.lead) != 0):
-            rule = "0 in continuous time: put the law into a computer (sampled)"
-            found.append(Fault("compensation.lead", float(np.max(inverse.lead)), rule))
-        return found

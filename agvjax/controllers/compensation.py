@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree
 from ..actuators.deadzone import Deadzone
 from ..errors import Fault
+from ..messages import Measurement
 from ..protocols import Element, Inputs, Plant
 
 
@@ -20,13 +22,21 @@ class Compensation:
 
     tunable: ClassVar[tuple[str, ...]] = ()
 
-    def hold(self, wanted: Inputs) -> PyTree:
-        """The memory before the first instant, at which something is wanted; it begins with zeros."""
+    def hold(self, wanted: Inputs, measurement: Measurement) -> PyTree:
+        """The memory before the first instant; `wanted` has the shapes."""
         return ()
+
+    def learnt(self, memory: PyTree, vehicle: Plant, measurement: Measurement, period: Real) -> PyTree:
+        """The memory after what was measured, a period [s] after the last instant."""
+        return memory
 
     def sent(self, memory: PyTree, wanted: Inputs, period: Real) -> tuple[Inputs, PyTree]:
         """What to send for a period [s], and the next memory."""
         return wanted, memory
+
+    def remembering(self, memory: PyTree, sent: Inputs) -> PyTree:
+        """The memory with what was sent, within its limits."""
+        return memory
 
     def inverted(self, wanted: Inputs) -> Inputs:
         """What to send by what is wanted alone."""
@@ -40,8 +50,11 @@ class Compensation:
         """The same with these deadzones for those that it believes in."""
         return self
 
-    def faults(self, vehicle: Plant) -> list[Fault]:
-        """What of it does not suit a vehicle; keys are relative to it."""
+    def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
+        """What of it does not suit a vehicle and a computer's period [s]; keys are relative to it.
+
+        A period of None is a law in continuous time.
+        """
         return []
 
 
@@ -73,13 +86,17 @@ class Inverse(Compensation):
 
     tunable = ("slope", "threshold", "width", "quiet")
 
-    def hold(self, wanted: Inputs) -> Inputs:
+    def hold(self, wanted: Inputs, measurement: Measurement) -> PyTree:
         """What was wanted last: nothing."""
         return {name: jnp.zeros_like(d) for name, d in wanted.items()}
 
-    def sent(self, memory: Inputs, wanted: Inputs, period: Real) -> tuple[Inputs, Inputs]:
+    def sent(self, memory: PyTree, wanted: Inputs, period: Real) -> tuple[Inputs, PyTree]:
         """Lead, then inverse."""
-        return self.inverted({n: d + self.lead / period * (d - memory[n]) for n, d in wanted.items()}), wanted
+        return self.inverted(self.led(memory, wanted, period)), wanted
+
+    def led(self, before: Inputs, wanted: Inputs, period: Real) -> Inputs:
+        """What is wanted, ahead of a lag."""
+        return {n: d + self.lead / period * (d - before[n]) for n, d in wanted.items()}
 
     def inverted(self, wanted: Inputs) -> Inputs:
         """What must be sent, by the beliefs, for what is to be delivered."""
@@ -94,7 +111,7 @@ class Inverse(Compensation):
         beyond = jnp.maximum(jnp.abs(d) - self.quiet * s, 0) / jnp.where(there, self.width * s, 1.0)
         return d / m + jnp.where(there, self.threshold * s * jnp.tanh(beyond), 0.0) * jnp.sign(d)
 
-    def delivered(self, memory: Inputs, sent: Inputs) -> Inputs:
+    def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
         """What the believed deadzones make of it."""
         return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
 
@@ -102,11 +119,15 @@ class Inverse(Compensation):
         """Of the actuators that it believes something of."""
         return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
 
-    def faults(self, vehicle: Plant) -> list[Fault]:
-        """Beliefs about no actuator of the vehicle, or none at all."""
-        rule = f"by actuator of the vehicle, {', '.join(vehicle.actuators)}, at least one"
-        suits = self.believed and set(self.believed) <= set(vehicle.actuators)
-        return [] if suits else [Fault("believed", ", ".join(self.believed) or "nothing", rule)]
+    def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
+        """Beliefs about no actuator of the vehicle, or none at all; a lead without a period to look back on."""
+        found, rule = [], f"by actuator of the vehicle, {', '.join(vehicle.actuators)}, at least one"
+        if not (self.believed and set(self.believed) <= set(vehicle.actuators)):
+            found.append(Fault("believed", ", ".join(self.believed) or "nothing", rule))
+        if period is None and np.any(np.asarray(self.lead) != 0):
+            rule = "0 in continuous time: put the law into a computer (sampled)"
+            found.append(Fault("lead", float(np.max(np.asarray(self.lead))), rule))
+        return found
 
 
 def believed_of(believed: Mapping[str, Deadzone], inputs: Inputs) -> Mapping[str, Deadzone]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
@@ -13,11 +12,9 @@ from jaxtyping import Array, PyTree
 from .._pytree import NONNEGATIVE, Real, number, pytree, structure
 from ..actuators.deadzone import Deadzone
 from ..errors import Fault
-from ..integrate import RK4
-from ..messages import Measurement, Reference, Start
+from ..messages import Measurement, Reference
 from ..protocols import Element, Inputs, Plant
-
-MOST_SLOTS = 64  # each is a step of the believed vehicle, written out
+from .replay import MOST_SLOTS, joined, memoryless, stepped, under_way
 
 
 class Prediction:
@@ -76,21 +73,16 @@ class Predictor(Prediction):
 
     def hold(self, sent: Inputs) -> dict[str, Array]:
         """Nothing is under way: by actuator zeros, the newest first."""
-        return {name: jnp.zeros((self.slots, *jnp.shape(u)), jnp.result_type(u)) for name, u in sent.items()}
+        return under_way(sent, self.slots)
 
     def ahead(self, memory: dict[str, Array], vehicle: Plant, measurement: Measurement, period: Real) -> Measurement:
         """RK4 of the believed vehicle over the delay."""
         state = vehicle.seen(measurement)
         delivered = {name: jnp.zeros_like(line[0]) for name, line in memory.items()}
-        calm = jnp.zeros(3, measurement.heading.dtype)
         for j in reversed(range(self.slots)):  # written out: a loop of so few steps would cost more
             delivered = {n: self.believed[n](x[j]) if n in self.believed else x[j] for n, x in memory.items()}
             h = jnp.clip(self.delay - j * period, 0.0) - jnp.clip(self.delay - (j + 1) * period, 0.0)
-
-            def rate(x: PyTree, inputs: Inputs) -> tuple[PyTree, tuple[()]]:
-                return vehicle.derivative(x, (), inputs, calm), ()
-
-            state, _ = RK4.advance(rate, state, h, [delivered] * len(RK4.nodes))
+            state = stepped(vehicle, state, delivered, h)
         return vehicle.output(state, delivered)
 
     def asked(self, reference: Reference) -> Reference:
@@ -105,7 +97,7 @@ class Predictor(Prediction):
 
     def remembering(self, memory: dict[str, Array], sent: Inputs) -> dict[str, Array]:
         """The newest first."""
-        return {n: jnp.concatenate([jnp.asarray(sent[n])[None], line[:-1]]) for n, line in memory.items()}
+        return joined(memory, sent)
 
     def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
         """Of the actuators that it believes something of."""
@@ -125,7 +117,4 @@ class Predictor(Prediction):
         if not set(self.believed) <= set(vehicle.actuators):
             rule = f"by actuator of the vehicle, {', '.join(vehicle.actuators)}"
             found.append(Fault("believed", ", ".join(self.believed), rule))
-        if jax.tree.leaves(vehicle.hold(vehicle.start(Start()))):
-            rule = "none: the vehicle that the computer believes in has a memory, which no measurement tells"
-            found.append(Fault("type", type(self).__name__, rule))
-        return found
+        return [*found, *memoryless(vehicle, self)]

@@ -103,12 +103,13 @@ class Sampled(Allocating):
         """
         speed, period, law = self.anti_windup.speed, self.period, self.inner
         memory = self._begun(state, measurement, reference).memory if memory is None else memory
+        known = self.compensation.learnt(memory.compensation, self.vehicle, measurement, period)
         measurement = self.prediction.ahead(memory.prediction, self.vehicle, measurement, period)
         reference = self.prediction.asked(reference)
         advance = functools.partial(Law.advance, law) if self.euler else law.advance
         asked, later, limited = advance(state, measurement, reference, period, speed)
         wanted = self.vehicle.allocate(asked, measurement)
-        sent, kept = self.compensation.sent(memory.compensation, wanted, period)
+        sent, kept = self.compensation.sent(known, wanted, period)
         applied = self.anti_windup.applied(sent)
         if speed is not None and law.relieves:
             cut = {name: applied[name] != sent[name] for name in sent}
@@ -119,7 +120,7 @@ class Sampled(Allocating):
             later = law.relieved(state, later, missing, limited, period)
         command = Command(position=asked.position, heading=asked.heading, inputs=applied)
         way = self.prediction.remembering(memory.prediction, applied)
-        memory = Remembered(compensation=kept, prediction=way)
+        memory = Remembered(compensation=self.compensation.remembering(kept, applied), prediction=way)
         return Computed(law=later, command=command, limited=limited, memory=memory)
 
     def _begun(self, state: PyTree, measurement: Measurement, reference: Reference) -> Computed:
@@ -131,7 +132,7 @@ class Sampled(Allocating):
             return Command(position=asked.position, heading=asked.heading, inputs=inputs)
 
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(first))
-        parts = self.compensation.hold(nothing.inputs), self.prediction.hold(nothing.inputs)
+        parts = self.compensation.hold(nothing.inputs, measurement), self.prediction.hold(nothing.inputs)
         memory = Remembered(compensation=parts[0], prediction=parts[1])
         return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
 

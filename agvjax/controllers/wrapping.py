@@ -125,7 +125,9 @@ class Allocating(Wrapping):
     def faults(self, plant: Plant) -> list[Fault]:
         """A vehicle of another kind than the plant, or beliefs that do not suit it."""
         found = super().faults(plant)
-        found += [f._replace(key=f"compensation.{f.key}") for f in self.compensation.faults(self.vehicle)]
+        period = self.control_period()
+        wrong = self.compensation.faults(self.vehicle, None if period is None else float(period))
+        found += [f._replace(key=f"compensation.{f.key}") for f in wrong]
         if self.vehicle.actuators != plant.actuators:
             rule = f"a vehicle with the actuators of scenario.plant, {', '.join(plant.actuators)}"
             found.append(Fault("vehicle", type(self.vehicle).__name__, rule))

@@ -139,6 +139,9 @@ COMMANDS = {
     "sweep": SWEEP,
     "pareto": Command("tune along a moving limit: the front of error against command"),
     "speed": SPEED,
+    "margins": Command(
+        "how much gain, phase and delay the loop bears along its run; a Bode plot", example="--config base"
+    ),
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
     "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
     "compare": Command("tune every law to the same command budget and judge it on unseen scenarios"),

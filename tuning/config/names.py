@@ -61,7 +61,11 @@ CLASSES: Classes = {
     "controller.filter": FILTERS,
     "controller.inner.filter": FILTERS,
     "controller.anti_windup": {"none": agvjax.NoAntiWindup, "back_calculation": agvjax.BackCalculation},
-    "controller.compensation": {"none": agvjax.NoCompensation, "inverse": agvjax.Inverse},
+    "controller.compensation": {
+        "none": agvjax.NoCompensation,
+        "inverse": agvjax.Inverse,
+        "adaptive_inverse": agvjax.AdaptiveInverse,
+    },
     "controller.prediction": {"none": agvjax.NoPrediction, "predictor": agvjax.Predictor},
     "controller.vehicle": PLANTS,
     **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},

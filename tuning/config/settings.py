@@ -202,6 +202,14 @@ class Speed:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Margins:
+    """Where a loop is linearised: at instants from `criteria.late` on, of vehicles that were not tuned on."""
+
+    instants: int = number(12, "along a run", STARTS)
+    vehicles: int = number(64, "beside the configured one", DRIVES)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Bound:
     """Beyond what a run has failed: in multiples of the nominal run with the configured gains, or absolute."""
 
@@ -268,6 +276,7 @@ class Config:
     tune: Tune = dataclasses.field(default_factory=Tune)
     pareto: Pareto = Pareto()
     speed: Speed = Speed()
+    margins: Margins = Margins()
     sweep: Sweep = Sweep()
     identify: Identify = dataclasses.field(default_factory=Identify)
 

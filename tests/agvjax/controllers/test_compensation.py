@@ -13,11 +13,12 @@ from tuning.config import dump, load
 
 ZONE = Deadzone(slope_right=0.8, slope_left=1.25, threshold_right=0.06, threshold_left=0.1)
 ZERO = jnp.zeros(())
+STILL = Measurement(position=jnp.zeros(2), velocity=jnp.zeros(2), heading=ZERO, yaw_rate=ZERO)
 
 
 def sent(inverse, *demands, period=0.05):
     """What is sent in periods one after the other."""
-    memory, answers = inverse.hold({"a": ZERO}), []
+    memory, answers = inverse.hold({"a": ZERO}, STILL), []
     for d in demands:
         inputs, memory = inverse.sent(memory, {"a": jnp.asarray(d)}, period)
         answers.append(float(inputs["a"]))

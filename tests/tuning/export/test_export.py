@@ -51,6 +51,12 @@ LAWS = {
         prediction=agvjax.Predictor(delay=0.05, believed=agvjax.Unicycle().deadzones()),
         compensation=agvjax.Inverse(believed=agvjax.Unicycle().deadzones(), lead=0.01, width=1.0),
     ),
+    "learning": dataclasses.replace(
+        LIMITED,
+        compensation=agvjax.AdaptiveInverse(
+            believed=agvjax.Unicycle().deadzones(), width=1.0, delay=0.03, usual=np.array([2.0, 3.0])
+        ),
+    ),
     "osfc": agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle()),
     "stateless": agvjax.Sampled(inner=agvjax.FTSMC(), vehicle=agvjax.Unicycle()),
 }
@@ -427,7 +433,7 @@ def test_c_drives_as_the_simulator_does(limited, tmp_path):
 # ---- NumPy
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n == "learning" else []) for n in LAWS])
 def test_numpy_agrees_and_imports_nothing_else(name, exported):
     law = exported(name).controller
     text = numpy_file.files(exported(name))["agv_controller.py"]

@@ -1,0 +1,271 @@
+"""The loop cut open at its actuators and linearised along a run: what margins and Bode plots are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, PyTree
+
+from ._pytree import pytree
+from .actuators.chain import Chain
+from .actuators.deadzone import Deadzone
+from .actuators.elements import Backlash, Delay, Quantisation
+from .engine import loop
+from .engine.rollout import Carry, Meter, Rollout, Row
+from .evaluate import Batch
+from .protocols import Element, Law
+from .scenario import Scenario
+from .timing import Timing
+
+TOGETHER = 16  # vehicles of a batch
+
+
+class Loops(NamedTuple):
+    """Linear loops at K instants of a run, open at all m inputs of actuators; n states, Q periods of delay.
+
+    x' = A x + sum_q B_q v_q and u = C x + sum_q D_q v_q, x' a period later, v_q the inputs q periods ago; the loop is
+    closed where v_0 = u. Of a batch each array has one more leading axis.
+    """
+
+    t: Any  # (K,), s
+    A: Any  # (K, n, n)
+    B: Any  # (K, Q + 1, n, m)
+    C: Any  # (K, m, n)
+    D: Any  # (K, Q + 1, m, m)
+    inputs: Any  # (K, m), what the actuators are asked for there
+    effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
+    limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
+    ok: Any  # (), whether the run stayed within `scenario.limit`
+
+
+@pytree
+class _Cut(Element):
+    """Delivers a value, whatever it is asked for."""
+
+    value: Array
+
+    def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        return self.value
+
+
+def instants(controller: Law, timing: Timing, first: float, count: int) -> tuple[int, int, int]:
+    """Steps in a control period, step of the first instant not before `first` [s], and steps from one to the next.
+
+    Raises:
+        ValueError: the run has not so many control instants after `first`.
+    """
+    period, dt = controller.control_period(), float(timing.dt)
+    every = timing.control_every if period is None else max(1, round(float(period) / dt))
+    periods, before = timing.n_steps // every, math.ceil(first / dt / every - 1e-9)
+    for stride in range((periods - before) // count, 0, -1):  # the first instant is one of the others' kind
+        begin = -(-before // stride) * stride
+        if begin + count * stride <= periods:
+            return every, begin * every, stride * every
+    raise ValueError(f"{count} instants after {first:g} s are more than the run of {timing.n_steps * dt:g} s has")
+
+
+def input_names(controller: Law, scenario: Scenario, timing: Timing) -> list[str]:
+    """The m inputs of actuators in the order of `Loops`, `position[0]` of one with several."""
+    shapes = _shapes(_rollout(controller, dataclasses.replace(scenario, sensor=None), timing))
+    sizes = {name: math.prod(shapes[name]) for name in scenario.plant.actuators}
+    return [f"{name}[{i}]" if shapes[name] else name for name, size in sizes.items() for i in range(size)]
+
+
+def longest_delay(scenario: Scenario | Batch) -> float:
+    """The longest delay [s] of an actuator, with its jitter, of a scenario or of a batch of them."""
+    chains = (scenario.scenario if isinstance(scenario, Batch) else scenario).actuators
+    parts = [part for chain in chains.values() for _, part in chain.elements("")]
+    return max((float(np.max(np.asarray(p.time + p.jitter))) for p in parts if isinstance(p, Delay)), default=0.0)
+
+
+def linearised(
+    controller: Law, scenario: Scenario | Batch, *, timing: Timing, first: float = 0.0, count: int = 12
+) -> Loops:
+    """The loops of a run, or of a batch of runs, at `count` control instants from `first` [s] on.
+
+    A deadzone, linear about the input of the moment, has the slope of its side also within the threshold: that of a
+    motion large beside it. Backlash and quantisation count as 1. A delay is kept whole: of a law with a period its
+    inputs are held in between, of a law in continuous time a step of the integrator is the period. Where something is
+    at a limit, what it delivers does not depend on its input: `limited`. Noise of a sensor is left out; plants with a
+    memory of their own keep it as it is.
+
+    Source: linearisation along a trajectory, e.g. Astrom and Murray, Feedback Systems, sec. 6.4; sampled loops with
+    delay, Astrom and Wittenmark, Computer-Controlled Systems, sec. 2.5.
+
+    Raises:
+        ValueError: there are not so many instants.
+    """
+    every, begin, stride = instants(controller, timing, first, count)
+    slots = math.ceil(longest_delay(scenario) / float(timing.dt) - 1e-9) + 2
+    steps = every, begin, stride, count, slots
+    if not isinstance(scenario, Batch):
+        return _linearised(controller, scenario, timing.dt, steps, timing)
+    return _each(controller, scenario, timing.dt, steps, timing)
+
+
+Steps = tuple[int, int, int, int, int]  # in a period, to the first instant, to the next, instants, of a delay
+
+
+@functools.partial(jax.jit, static_argnames=("steps", "timing"))
+def _each(controller: Law, batch: Batch, dt: ArrayLike, steps: Steps, timing: Timing) -> Loops:
+    def one(index: Array) -> Loops:
+        return _linearised(controller, batch[index], dt, steps, timing)
+
+    return jax.lax.map(one, jnp.arange(batch.size), batch_size=TOGETHER)
+
+
+@functools.partial(jax.jit, static_argnames=("steps", "timing"))
+def _linearised(controller: Law, scenario: Scenario, dt: ArrayLike, steps: Steps, timing: Timing) -> Loops:
+    every, begin, stride, count, slots = steps
+    timing = dataclasses.replace(timing, dt=dt)
+    rollout = _rollout(controller, dataclasses.replace(scenario, sensor=None), timing)
+
+    def stretch(carry: Carry, first: Array) -> tuple[Carry, tuple[Carry, loop.Sample]]:
+        later, samples = jax.lax.scan(rollout.step, carry, rollout.table(first, stride))
+        return later, (carry, samples)
+
+    earlier = begin // stride
+    last, found = jax.lax.scan(stretch, rollout.begin(), stride * jnp.arange(earlier + count))
+    asked = found[1].inputs.reshape(-1, found[1].inputs.shape[-1])
+    asked = jnp.concatenate([jnp.zeros((slots, asked.shape[1]), asked.dtype), asked])
+    carries, samples = jax.tree.map(lambda x: x[earlier:], found)
+    numbers = begin + stride * jnp.arange(count)
+    shares = _shares(rollout.scenario, rollout.dt, slots, _shapes(rollout))
+
+    def one(carry: Carry, number: Array) -> tuple[Array, ...]:
+        before = jax.lax.dynamic_slice_in_dim(asked, number, slots + every)  # from number - slots on
+        lines = jnp.stack([before[slots + s - np.arange(slots)] for s in range(every)])  # (every, slots, m)
+        arrive = jnp.einsum("sjm,mj->sm", lines, shares)
+        return _opened(rollout, carry, rollout.table(number, every), arrive)
+
+    A, B, C, D, effect = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
+    B, D = (_by_periods(x, shares, every) for x in (B, D))
+    first = jax.tree.map(lambda x: x[:, 0], samples)
+    return Loops(first.t, A, B, C, D, first.inputs, effect, samples.limited[:, :every].any(1), last.ok)
+
+
+def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:
+    return Rollout(controller, scenario, timing=timing, dtype=None, meter=Meter())
+
+
+def _shapes(rollout: Rollout) -> dict[str, tuple[int, ...]]:
+    """By actuator the shape of its input."""
+
+    def asked() -> loop.Inputs:
+        row = jax.tree.map(lambda x: x[0], rollout.table(jnp.zeros((), int), 1))
+        signals = rollout.signals(row.t[0], jax.tree.map(lambda x: x[0], row.signals))
+        carry = rollout.begin()
+        return loop._respond(rollout.controller, rollout.scenario, carry.flow, carry.memory, signals).inputs
+
+    return {name: x.shape for name, x in jax.eval_shape(asked).items()}
+
+
+def _shares(scenario: Scenario, dt: Array, slots: int, shapes: dict[str, tuple[int, ...]]) -> Array:
+    """Of a step, for how much of it the input of so many steps before acts, (m, slots); straight between steps."""
+    found, ages = [], jnp.arange(slots).astype(dt.dtype)
+    for name in scenario.plant.actuators:
+        chain = scenario.actuators.get(name)
+        parts = [] if chain is None else [part for _, part in chain.elements("") if isinstance(part, Delay)]
+        late = sum((part.time + part.jitter for part in parts), start=jnp.zeros_like(dt))
+        found += [jnp.maximum(1 - jnp.abs(late / dt - ages), 0)] * math.prod(shapes[name])
+    return jnp.stack(found)
+
+
+def _by_periods(x: Array, shares: Array, every: int) -> Array:
+    """Effects (K, every, n, m) of what arrives in the steps of a period, by how many periods ago it was asked for."""
+    slots = shares.shape[1]
+    ago = np.ceil((np.arange(slots)[None] - np.arange(every)[:, None]) / every).astype(int)  # (every, slots)
+    of = jnp.asarray(ago[:, :, None] == np.arange(ago.max() + 1), x.dtype)
+    return jnp.einsum("ksnm,mj,sjq->kqnm", x, shares, of)
+
+
+def _opened(rollout: Rollout, carry: Carry, rows: Row, arrive: Array) -> tuple[Array, ...]:
+    """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size (m,)."""
+    scenario, shapes = rollout.scenario, _shapes(rollout)
+    sizes = np.cumsum([math.prod(shapes[name]) for name in scenario.plant.actuators])[:-1].tolist()
+    chains = {name: _without(scenario.actuators.get(name)) for name in scenario.plant.actuators}
+    carry = _carried(carry, chains)
+    x0, whole = _numbers(carry)
+
+    def cut(delivered: Array) -> Scenario:
+        parts = zip(scenario.plant.actuators, jnp.split(delivered, sizes), strict=True)
+        zones = {n: _Cut(value=x.reshape(shapes[n])) for n, x in parts}
+        kept = {name: chain for name, chain in chains.items() if chain is not None}
+        return dataclasses.replace(scenario, deadzone=zones, actuators=kept)
+
+    def period(x: Array, delivered: Array) -> tuple[Array, Array]:
+        def step(carry: Carry, given: tuple[Row, Array]) -> tuple[Carry, Array]:
+            row, now = given
+            open_loop = _rollout(rollout.controller, cut(now), _timing(rollout))
+            later, sample = open_loop.step(carry, row)
+            return later, sample.inputs
+
+        later, asked = jax.lax.scan(step, whole(x), (rows, delivered))
+        return _numbers(later)[0], asked[0]
+
+    of = zip(scenario.plant.actuators, jnp.split(arrive, sizes, axis=1), strict=True)
+    zones = [_tangent(scenario.deadzone[name], u) for name, u in of]
+    delivered, slopes = (jnp.concatenate(x, axis=1) for x in zip(*zones, strict=True))
+    n, shape = x0.size, delivered.shape
+    both = jax.jacfwd(lambda z: period(z[:n], z[n:].reshape(shape)))(jnp.concatenate([x0, delivered.ravel()]))
+    (A, B), (C, D) = ((x[:, :n], x[:, n:].reshape(len(x), *shape)) for x in both)
+    effect = jnp.linalg.norm(B.sum(1), axis=0)
+    return A, jnp.moveaxis(B * slopes[None], 1, 0), C, jnp.moveaxis(D * slopes[None], 1, 0), effect
+
+
+def _numbers(carry: Carry) -> tuple[Array, Callable[[Array], Carry]]:
+    """All that may vary a little, as one array, and back."""
+    leaves, tree = jax.tree.flatten((carry.flow, carry.memory))
+    moves = [jnp.issubdtype(x.dtype, jnp.floating) for x in leaves]
+
+    def whole(x: Array) -> Carry:
+        found, at = [], 0
+        for leaf, m in zip(leaves, moves, strict=True):
+            found.append(x[at : at + leaf.size].reshape(leaf.shape) if m else leaf)
+            at += leaf.size if m else 0
+        flow, memory = jax.tree.unflatten(tree, found)
+        return dataclasses.replace(carry, flow=flow, memory=memory)
+
+    return jnp.concatenate([jnp.ravel(x) for x, m in zip(leaves, moves, strict=True) if m]), whole
+
+
+def _timing(rollout: Rollout) -> Timing:
+    every = rollout.every if isinstance(rollout.every, int) else 1
+    return Timing(dt=rollout.dt, n_steps=rollout.n_steps, control_every=every, integrator=rollout.integrator)
+
+
+def _tangent(zone: Element, u: Array) -> tuple[Array, Array]:
+    """What is delivered of an input, and its slope: that of its side within a threshold too."""
+    slope = zone.slope(u) if isinstance(zone, Deadzone) else jax.jvp(zone, (u,), (jnp.ones_like(u),))[1]
+    return zone(u), slope + jnp.zeros_like(u)
+
+
+def _without(element: Chain | Element | None) -> Chain | None:
+    """A chain without what is linearised elsewhere, or counts as 1; None where nothing is left."""
+    if not isinstance(element, Chain):
+        return None
+    kept = {name: part for name, part in element.items() if not isinstance(part, (Delay, Backlash, Quantisation))}
+    return Chain(**kept) if kept else None
+
+
+def _carried(carry: Carry, chains: dict[str, Chain | None]) -> Carry:
+    """States and memories of the parts that are kept."""
+
+    def of(tree: dict[str, PyTree]) -> dict[str, PyTree]:
+        return {
+            name: () if chain is None else {"deadzone": (), "rest": {part: tree[name]["rest"][part] for part in chain}}
+            for name, chain in chains.items()
+        }
+
+    flow = dataclasses.replace(carry.flow, actuators=of(carry.flow.actuators))
+    return dataclasses.replace(
+        carry, flow=flow, memory=dataclasses.replace(carry.memory, actuators=of(carry.memory.actuators))
+    )

@@ -1,0 +1,184 @@
+"""Margins of loops: against formulas, against delays and gains at which simulated loops lose their stability."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import agvjax
+from agvjax import Chain, Command, Deadzone, Delay, Measurement, Timing
+from agvjax.linear import input_names, instants, linearised
+from commands import run
+from tuning.config import load
+from tuning.studies.margins.loops import growth, margins, spaces
+from tuning.studies.margins.study import matrices
+
+
+@agvjax.pytree
+class Mass(agvjax.Plant):
+    """A mass that is pushed along x: x'' = u."""
+
+    actuators = ("push",)
+    commands_heading = False
+
+    def start(self, start):
+        return MassState(x=jnp.asarray(start.position)[0], v=jnp.asarray(start.velocity)[0], heading=jnp.zeros(()))
+
+    def allocate(self, command, measurement):
+        return {"push": command.position[0]}
+
+    def derivative(self, state, memory, delivered, disturbance):
+        return MassState(x=state.v, v=delivered["push"] + disturbance[0], heading=jnp.zeros_like(state.x))
+
+    def output(self, state, delivered):
+        zero = jnp.zeros_like(state.x)
+        position, velocity = jnp.stack([state.x, zero]), jnp.stack([state.v, zero])
+        return Measurement(position=position, velocity=velocity, heading=state.heading, yaw_rate=zero)
+
+
+@agvjax.pytree
+class MassState:
+    x: object
+    v: object
+    heading: object
+
+
+@agvjax.pytree
+class Spring(agvjax.Law):
+    """u = -k x - c v."""
+
+    k: float = 4.0
+    c: float = 2.0
+
+    def init(self, measurement, reference):
+        return ()
+
+    def law(self, flow, memory, measurement, reference):
+        push = -self.k * measurement.position[0] - self.c * measurement.velocity[0]
+        return Command(position=jnp.stack([push, jnp.zeros_like(push)]), heading=jnp.zeros(())), ()
+
+
+def mass(delay=0.0, slope=1.0, slots=3):
+    return agvjax.Scenario(
+        plant=Mass(),
+        deadzone={"push": Deadzone(slope_right=slope, slope_left=slope, threshold_right=0.1, threshold_left=0.1)},
+        actuators={"push": Chain(delay=Delay(time=delay, slots=slots))} if delay else {},
+        disturbance=agvjax.NoDisturbance(),
+        path=agvjax.Line(),
+        limit=1e9,
+    )
+
+
+def found(law, scenario, timing, first=1.0, count=2):
+    loops = linearised(law, scenario, timing=timing, first=first, count=count)
+    every, _, _ = instants(law, timing, first, count)
+    period = every * float(timing.dt)
+    return [
+        [margins(space, period, growth(*parts, period)) for space in spaces(*parts, period)]
+        for parts in (matrices(loops, k) for k in range(count))
+    ]
+
+
+def by_formula(k, c, late, slope):
+    """L = m (c s + k) / s^2 e^(-s T): where its gain is 1, and what is left of half a turn there."""
+    a, b = (slope * c) ** 2, (slope * k) ** 2
+    w = math.sqrt((a + math.sqrt(a**2 + 4 * b)) / 2)
+    phase = math.atan2(c * w, k) - w * late
+    return w, phase, phase / w
+
+
+@pytest.mark.parametrize("delay, slope", [(0.0, 1.0), (0.0, 0.6), (0.1, 0.8), (0.0125, 0.8)])
+def test_in_continuous_time_margins_are_those_of_the_formula(delay, slope):
+    """A step of the integrator holds its input: half a step more of delay."""
+    dt = 5e-3
+    slots = 2 + math.ceil(delay / dt)
+    (m,), _ = found(Spring(), mass(delay, slope, slots), Timing(dt=dt, n_steps=400))
+    w, phase, left = by_formula(4.0, 2.0, delay + dt / 2, slope)
+    np.testing.assert_allclose([m.crossover, m.phase, m.delay], [w, phase, left], rtol=3e-3)
+
+
+def test_a_computer_holds_its_input_for_a_period():
+    """The period's hold is a delay of half of it, nearly; the exact answer is that of the sampled double integrator."""
+    P, k, c = 0.1, 4.0, 2.0
+    law = agvjax.Sampled(inner=Spring(k=k, c=c), vehicle=Mass(), period=P)
+    (m,), _ = found(law, mass(), Timing(dt=0.01, n_steps=400))
+    w = np.linspace(1.0, 4.0, 300_001)
+    z = np.exp(1j * w * P)
+    L = k * P**2 / 2 * (z + 1) / (z - 1) ** 2 + c * P / (z - 1)
+    at = np.argmin(np.abs(np.abs(L) - 1))
+    phase = np.pi + np.angle(L[at])
+    np.testing.assert_allclose([m.crossover, m.phase, m.delay], [w[at], phase, phase / w[at]], rtol=3e-3)
+    most = 1 / np.min(np.abs(1 + L))
+    assert most <= m.sensitivity * 1.001
+
+
+def straight(extra=0.0):
+    settings = [
+        'controller.inner="path_pid"',
+        'scenario.path={type="route",points=[[0.0,0.0],[80.0,0.0]],closed=false,speed=0.8}',
+        "scenario.start={position=[0.0,1e-4],heading=0.0}",
+        "simulate.horizon=80.0",
+    ]
+    config = load(["base"], settings)
+    chains = {n: Chain(delay=Delay(time=0.08 + (extra if n == "left" else 0.0), slots=24)) for n in ("left", "right")}
+    return config, dataclasses.replace(config.scenario, actuators=chains)
+
+
+@pytest.mark.slow
+def test_the_delay_margin_is_the_delay_at_which_a_simulated_robot_begins_to_weave():
+    config, scenario = straight()
+    timing = Timing(dt=0.005, n_steps=16000)
+    bears = found(config.controller, scenario, timing, first=20.0)[0][0].delay
+    extras = bears + np.linspace(-0.08, 0.08, 17)
+    many = agvjax.batch(scenario, {"actuators.left.delay.time": 0.08 + extras})
+
+    def sways(delay):
+        one = agvjax.replace(scenario, {"actuators.left.delay.time": delay})
+        run = agvjax.simulate(config.controller, one, save_every=10, **timing)
+        return jnp.std(run.position[800:1200, 1]), jnp.std(run.position[1200:, 1])
+
+    early, late = jax.vmap(sways)(many.values["actuators.left.delay.time"])
+    grows = np.log(np.asarray(late) / np.asarray(early))  # falls below 0 where the loop is stable
+    at = int(np.argmax(grows > 0))
+    edge = np.interp(0.0, grows[at - 1 : at + 1], extras[at - 1 : at + 1])
+    assert edge == pytest.approx(bears, rel=0.03)
+
+
+def test_an_unstable_loop_bears_nothing():
+    (m,), _ = found(Spring(k=4.0, c=-1.0), mass(), Timing(dt=5e-3, n_steps=400))
+    assert m.growth == pytest.approx(0.5, rel=0.01)
+    assert (m.gain, m.phase, m.delay, m.sensitivity) == (0.0, 0.0, 0.0, math.inf)
+
+
+def test_within_a_threshold_a_deadzone_counts_with_its_slope():
+    near = agvjax.replace(mass(), {"start.position": jnp.array([1e-3, 0.0]), "start.velocity": jnp.zeros(2)})
+    (m,), _ = found(Spring(), near, Timing(dt=5e-3, n_steps=400))
+    assert m.delay == pytest.approx(by_formula(4.0, 2.0, 2.5e-3, 1.0)[2], rel=3e-3)
+
+
+def test_inputs_are_named_in_order():
+    timing = Timing(dt=1e-3, n_steps=100)
+    names = input_names(agvjax.NeuroBackstepping(), agvjax.Scenario(), timing)
+    assert names == ["position[0]", "position[1]", "heading"]
+    assert input_names(Spring(), mass(), timing) == ["push"]
+
+
+def test_more_instants_than_a_run_has_are_refused():
+    with pytest.raises(ValueError, match="12 instants"):
+        instants(Spring(), Timing(dt=5e-3, n_steps=10), 0.0, 12)
+
+
+@pytest.mark.slow
+def test_a_report_of_a_robot_is_written(tmp_path):
+    out = tmp_path / "out"
+    options = ["--set", 'controller.inner="path_pid"', "--set", "margins.vehicles=4", "--set", "margins.instants=4"]
+    said, _ = run(["margins", "--config", "base", "--out", str(out), *options], 0)
+    assert "The tightest loop" in said and "more delay" in said
+    assert {"report.html", "report.md", "margins.csv", "bode.png", "along.png", "config.toml"} <= {
+        file.name for file in out.iterdir()
+    }
+    rows = (out / "margins.csv").read_text().splitlines()
+    assert len(rows) == 1 + 5 * 4 * 2

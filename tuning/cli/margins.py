@@ -1,0 +1,27 @@
+"""`agvjax margins`: how far a loop is from losing its stability."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..studies.margins.rules import faults
+from .console import RunFailed, failing
+from .folders import new_folder
+from .prepare import configure, warn
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Linearise the configured loop along its run, for many vehicles; write margins, Bode plot and a report."""
+    config, console = configure(arguments, faults)
+    from ..studies.margins import page  # late: python-control is an extra
+    from ..studies.margins.study import study
+
+    out = new_folder(arguments.out, arguments.command, config)
+    warn(console, config, "tune")
+    with failing(), console.parts(2, "part", (RuntimeError,)) as tick:
+        found = study(config, tick)
+    told = page.write(config, found, out)
+    console.say(told.text, f"written to {out}; begin with {out}/report.html")
+    if told.failure:
+        raise RunFailed(told.failure)
+    return 0

@@ -1,0 +1,95 @@
+"""Loops as python-control has them, one for each actuator with all others closed, and their margins."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import control
+import numpy as np
+
+SLOWEST = 1e-2  # rad/s, from which on a loop is looked at
+FREQUENCIES = 300  # up to half the sampling frequency
+GROWTH = 0.05  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
+
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
+
+
+class Margins(NamedTuple):
+    """What one loop bears, all others closed as they are; 0, and infinitely much sensitivity, where it is unstable."""
+
+    gain: float  # its gain may become so many times as large
+    less: float  # and so many times as small
+    phase: float  # rad
+    delay: float  # s, more than there is
+    sensitivity: float  # largest |S|, Ms
+    crossover: float  # rad/s, where the delay margin is; NaN where the gain is below 1 everywhere
+    growth: float  # 1/s, of the fastest mode of the closed loop
+
+
+LOST = Margins(0.0, 1.0, 0.0, 0.0, np.inf, np.nan, np.inf)
+
+
+def whole(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> Matrices:
+    """The state space of one instant with the inputs under way as states: A, B, C, D from v_0 to u."""
+    late, n, m = B.shape[0] - 1, *B.shape[1:]
+    size = n + m * late
+    whole_A, whole_B = np.zeros((size, size)), np.zeros((size, m))
+    whole_A[:n, :n], whole_B[:n] = A, B[0]
+    for q in range(late):
+        whole_A[:n, n + m * q : n + m * (q + 1)] = B[q + 1]
+    if late:
+        whole_A[n + m :, n:-m] = np.eye(m * (late - 1))
+        whole_B[n : n + m] = np.eye(m)
+    return whole_A, whole_B, np.concatenate([C, *D[1:]], axis=1), D[0]
+
+
+def spaces(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float) -> list[control.StateSpace]:
+    """By input L of the loop that is cut there while the others are closed, negative feedback; `whole` matrices."""
+    found, m = [], D.shape[0]
+    for i in range(m):
+        o = [k for k in range(m) if k != i]
+        closing = np.linalg.inv(np.eye(len(o)) - D[np.ix_(o, o)])  # u_o = C_o x + D_oi u_i, closed by themselves
+        state, direct = closing @ C[o], closing @ D[np.ix_(o, [i])]
+        found.append(
+            control.StateSpace(
+                A + B[:, o] @ state,
+                B[:, [i]] + B[:, o] @ direct,
+                -(C[[i]] + D[np.ix_([i], o)] @ state),
+                -(D[np.ix_([i], [i])] + D[np.ix_([i], o)] @ direct),
+                period,
+            )
+        )
+    return found
+
+
+def growth(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float) -> float:
+    """How fast [1/s] the fastest mode of the closed loop grows; below 0 all fade."""
+    closed = A + B @ np.linalg.solve(np.eye(len(D)) - D, C)
+    return float(np.log(np.max(np.abs(np.linalg.eigvals(closed)))) / period)
+
+
+def frequencies(period: float) -> np.ndarray:
+    """Where loops are looked at [rad/s]."""
+    return np.geomspace(SLOWEST, np.pi / period * (1 - 1e-6), FREQUENCIES)
+
+
+def margins(space: control.StateSpace, period: float, fastest: float) -> Margins:
+    """What a loop bears, by python-control, from its frequency response."""
+    if fastest > GROWTH:
+        return LOST._replace(growth=fastest)
+    response = control.frequency_response(space, frequencies(period))
+    gains, phases, stability, _, crossings, _ = control.stability_margins(response, returnall=True)
+    more, less = gains[gains > 1], gains[gains < 1]
+    ahead = np.radians(phases) % (2 * np.pi)  # how much lag it takes at each crossing, all the way round if need be
+    delays = ahead / crossings if len(crossings) else np.array([])
+    first = int(np.argmin(delays)) if len(delays) else None
+    return Margins(
+        gain=float(np.min(more, initial=np.inf)),
+        less=float(np.max(less, initial=0.0)),
+        phase=float(np.radians(np.min(np.abs(phases), initial=180.0))),
+        delay=np.inf if first is None else float(delays[first]),
+        sensitivity=float(1 / np.min(stability)) if len(stability) else 1.0,
+        crossover=np.nan if first is None else float(crossings[first]),
+        growth=fastest,
+    )

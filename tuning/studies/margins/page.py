@@ -1,0 +1,168 @@
+"""What the margins of a loop say: sentences, table, figures, page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import control
+import numpy as np
+
+import agvjax
+from agvjax.linear import input_names
+
+from ...config.settings import Config
+from ...io import files
+from ...io.pages import grid, html
+from ...io.pictures import write_figures
+from . import figures
+from .loops import GROWTH, Margins
+from .study import Found
+
+USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
+
+
+class Told(NamedTuple):
+    """What is printed, and why the gains should not be used; empty where nothing speaks against them."""
+
+    text: str
+    failure: str
+
+
+class Worst(NamedTuple):
+    """Where a loop is tightest."""
+
+    vehicle: int  # 0: the configured one
+    instant: int
+    input: int
+    margins: Margins
+
+
+def tightest(found: Found) -> Worst | None:
+    """The loop that bears the least delay; None where no loop could be looked at."""
+    delays = found.values("delay")
+    if not np.isfinite(delays).any():
+        return None
+    v, k, i = np.unravel_index(np.nanargmin(delays), delays.shape)
+    return Worst(int(v), int(k), int(i), found.margins[v][k][i])
+
+
+def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
+    """What is found, the most important first, and why that is a failure."""
+    vehicles, worst, said, failure = len(found.ok), tightest(found), [], ""
+    lost = int(np.sum(~found.ok))
+    growing = np.nanmax(np.where(np.isnan(found.values("growth")), -np.inf, found.values("growth")), axis=(1, 2))
+    unstable = int(np.sum(growing > GROWTH))
+    if lost:
+        failure = f"{lost} of {vehicles} runs diverge."
+    elif unstable:
+        failure = f"The loop of {unstable} of {vehicles} vehicles is unstable somewhere along its run."
+    if failure:
+        said.append(failure)
+    if worst is None:
+        said.append("No loop could be looked at: at every instant something is at a limit.")
+        return said, failure or said[-1]
+    m, whose = worst.margins, f"vehicle {worst.vehicle}" if worst.vehicle else "the configured vehicle"
+    where = f"of {whose} at {found.t[worst.instant]:.4g} s, at {names[worst.input]}"
+    if np.isfinite(m.delay) and not m.delay == 0:
+        said.append(
+            f"The tightest loop, {where}, bears {1e3 * m.delay:.3g} ms more delay, {m.gain:.3g} times its gain and"
+            f" {np.degrees(m.phase):.3g} degrees of lag."
+        )
+    else:
+        said.append(f"The tightest loop is {where}.")
+    for name, unit, least in (("gain", "a gain margin below", 1), ("phase", "a phase margin below", 1)):
+        values = found.values(name)
+        below = int(np.sum(np.nanmin(np.where(np.isnan(values), np.inf, values), axis=(1, 2)) < least * USUAL[name]))
+        bound = f"{USUAL[name]:g}" if name == "gain" else f"{np.degrees(USUAL[name]):g} degrees"
+        if below:
+            said.append(f"{below} of {vehicles} vehicles have {unit} the usual {bound}.")
+    peaks = found.values("sensitivity")
+    high = int(np.sum(np.nanmax(np.where(np.isnan(peaks), 0, peaks), axis=(1, 2)) > USUAL["sensitivity"]))
+    if high:
+        said.append(f"In {high} of {vehicles} Ms is above the usual {USUAL['sensitivity']:g}.")
+    left = int(np.sum(found.limited))
+    if left:
+        said.append(
+            f"{left} of {found.limited.size} instants are left out: an actuator, or the law, is at a limit there."
+        )
+    return said, failure
+
+
+def table(found: Found, names: list[str]) -> str:
+    """By input the tightest and the median of each margin."""
+    rows = []
+    for i, name in enumerate(names):
+        row: list[object] = [name]
+        for key, scale, least in (("gain", 1, True), ("less", 1, False), ("phase", 180 / np.pi, True)):
+            row += _ends(found.values(key)[:, :, i] * scale, least)
+        rows.append(
+            row + _ends(found.values("delay")[:, :, i] * 1e3, True) + _ends(found.values("sensitivity")[:, :, i], False)
+        )
+    heads = ["gain up", "gain down", "phase [degrees]", "more delay [ms]", "Ms"]
+    return grid(["input", *(f"{head}, {what}" for head in heads for what in ("tightest", "median"))], rows)
+
+
+def _ends(values: np.ndarray, least: bool) -> list[float]:
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return [np.nan, np.nan]
+    return [float(np.min(known) if least else np.max(known)), float(np.median(known))]
+
+
+def write(config: Config, found: Found, out: Path) -> Told:
+    """Everything into the folder of a run."""
+    names = input_names(config.controller, config.scenario, config.timing("tune"))
+    said, failure = sentences(found, names)
+    rows = [
+        [v, float(found.t[k]), names[i], bool(found.limited[v, k]), bool(found.ok[v]), *m]
+        for v, vehicle in enumerate(found.margins)
+        for k, now in enumerate(vehicle)
+        for i, m in enumerate(now)
+    ]
+    header = ["vehicle", "t [s]", "input", "limited", "ok", "gain", "less", "phase [rad]", "delay [s]", "Ms"]
+    files.write_csv(out / "margins.csv", [*header, "crossover [rad/s]", "growth [1/s]"], rows)
+    drawings = {}
+    worst = tightest(found)
+    if worst is not None:
+        drawings["along"] = lambda: figures.along(found.t, found.values("delay"), found.values("sensitivity"), names)
+        drawings["bode"] = lambda: figures.bode(_shown(found, worst, names), found.period)
+    lost = write_figures(out, drawings)
+    text = _page(config, found, said, table(found, names), worst is not None)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "How far from instability?"))
+    return Told("\n".join([*said, "", table(found, names), *lost]), failure)
+
+
+def _shown(found: Found, worst: Worst, names: list[str]) -> list[tuple[str, control.StateSpace]]:
+    """The loops of the Bode plot: the configured vehicle's at the same instant, and the tightest."""
+    shown = [(f"configured vehicle, {names[worst.input]}", found.spaces(0, worst.instant)[worst.input])]
+    if worst.vehicle:
+        label = f"vehicle {worst.vehicle}, the tightest"
+        shown.append((label, found.spaces(worst.vehicle, worst.instant)[worst.input]))
+    return shown
+
+
+# long: one template
+def _page(config: Config, found: Found, said: list[str], margins: str, drawn: bool) -> str:
+    lines, others = "\n".join(f"* {line}" for line in said[1:]), len(found.ok) - 1
+    pictures = "![along](along.png)\n\n![bode](bode.png)\n" if drawn else ""
+    return f"""# How far from instability?
+
+**{said[0]}**
+
+{lines}
+
+{margins}
+
+{pictures}
+Linearised at {len(found.t)} instants from {config.criteria.late:g} s on (`criteria.late`), of the configured vehicle
+and of {others} that were not tuned on. The loop is cut at one actuator, all others stay closed. A margin says how much
+of one change at that actuator the loop bears when nothing else changes: its gain up or down, lag at the frequency where
+its gain is 1, delay; Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of its
+side, backlash and rounding with 1: what a motion small beside them does is not told. Margins of gains that stand for
+one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them. A mode that
+grows by less than {GROWTH:g} 1/s is taken for one that stays, such as the place along a path.
+
+Made by `agvjax margins`, seed {config.seed}. agvjax {agvjax.__version__}.
+"""

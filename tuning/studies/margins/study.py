@@ -1,0 +1,78 @@
+"""The margins of a loop along its run, over vehicles that were not tuned on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import control
+import numpy as np
+
+import agvjax
+from agvjax.leaves import get
+from agvjax.linear import Loops, instants, linearised
+
+from ...config.settings import Config
+from ...ensemble.draws import sample
+from .loops import Margins, Matrices, growth, margins, spaces, whole
+
+FULL = 0.9  # of its usual effect on the state: with less an input is at a limit of the plant, such as an acceleration
+
+
+class Found(NamedTuple):
+    """Margins of V vehicles, the configured one first, at K instants and m inputs."""
+
+    period: float  # s
+    t: np.ndarray  # (K,), s
+    margins: list[list[list[Margins]]]  # V of K of m
+    limited: np.ndarray  # (V, K), there the loop is open: something is at a limit
+    ok: np.ndarray  # (V,), whether the run stayed within the limit
+    loops: Loops  # of the vehicles
+
+    def values(self, name: str) -> np.ndarray:
+        """One number of all of them, (V, K, m); of an instant at a limit, and of a run that diverged, NaN."""
+        found = np.array([[[m._asdict()[name] for m in now] for now in vehicle] for vehicle in self.margins], float)
+        found[self.limited | ~self.ok[:, None]] = np.nan
+        return found
+
+    def spaces(self, vehicle: int, instant: int) -> list[control.StateSpace]:
+        """The loops of a vehicle at an instant, cut at one input each."""
+        return spaces(*matrices(self.loops, vehicle, instant), self.period)
+
+
+def matrices(loops: Loops, *place: int) -> Matrices:
+    """A, B, C and D of an instant with the inputs under way as states."""
+    A, B, C, D = (np.asarray(x)[place] for x in (loops.A, loops.B, loops.C, loops.D))
+    return whole(A, B, C, D)
+
+
+def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> Found:
+    """Linearise along the run of the configured vehicle and of others, and look at every loop."""
+    settings, timing, first = config.margins, config.timing("tune"), config.criteria.late
+    tick("runs")
+    loops = linearised(config.controller, _vehicles(config), timing=timing, first=first, count=settings.instants)
+    loops = Loops(*(np.asarray(x) for x in loops))
+    every, _, _ = instants(config.controller, timing, first, settings.instants)
+    period = every * float(timing.dt)
+    tick("margins")
+    found = [[_at(matrices(loops, v, k), period) for k in range(settings.instants)] for v in range(len(loops.t))]
+    weak = np.any(loops.effect < FULL * np.median(loops.effect, axis=1, keepdims=True), axis=2)
+    return Found(period, loops.t[0], found, loops.limited | weak, loops.ok, loops)
+
+
+def _vehicles(config: Config) -> agvjax.Batch:
+    """The configured one, and others that were not tuned on."""
+    draws = config.ensemble.draws
+    if not draws or not config.margins.vehicles:
+        return agvjax.batch(config.scenario, {"limit": np.asarray([config.scenario.limit], float)})
+    others = sample(config.scenario, draws, config.margins.vehicles, config.seed + 1).values
+    return agvjax.batch(
+        config.scenario, {n: np.concatenate([np.asarray(get(config.scenario, n))[None], x]) for n, x in others.items()}
+    )
+
+
+def _at(parts: Matrices, period: float) -> list[Margins]:
+    if not all(np.isfinite(x).all() for x in parts):
+        return [Margins(*[np.nan] * len(Margins._fields))] * parts[-1].shape[0]
+    fastest = growth(*parts, period)
+    return [margins(space, period, fastest) for space in spaces(*parts, period)]
