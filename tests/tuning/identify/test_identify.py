@@ -248,6 +248,7 @@ def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_v
     assert np.all(ratios < 1.05)
 
 
+@pytest.mark.slow
 def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
     """Never a negative command of the acceleration: its left side is unknown, and said to be."""
     scenario = truth(1)
