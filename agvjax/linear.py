@@ -41,6 +41,7 @@ class Loops(NamedTuple):
     C: Any  # (K, m, n)
     D: Any  # (K, Q + 1, m, m)
     inputs: Any  # (K, m), what the actuators are asked for there
+    change: Any  # (K, m), of these from the period before or to the next one, the larger
     effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
     limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
     ok: Any  # (), whether the run stayed within `scenario.limit`
@@ -104,7 +105,7 @@ def linearised(
         ValueError: there are not so many instants.
     """
     every, begin, stride = instants(controller, timing, first, count)
-    slots = math.ceil(longest_delay(scenario) / float(timing.dt) - 1e-9) + 2
+    slots = max(every, math.ceil(longest_delay(scenario) / float(timing.dt) - 1e-9) + 2)
     steps = every, begin, stride, count, slots
     if not isinstance(scenario, Batch):
         return _linearised(controller, scenario, timing.dt, steps, timing)
@@ -149,7 +150,9 @@ def _linearised(controller: Law, scenario: Scenario, dt: ArrayLike, steps: Steps
     A, B, C, D, effect = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
     B, D = (_by_periods(x, shares, every) for x in (B, D))
     first = jax.tree.map(lambda x: x[:, 0], samples)
-    return Loops(first.t, A, B, C, D, first.inputs, effect, samples.limited[:, :every].any(1), last.ok)
+    now, ahead = asked[numbers + slots], jnp.minimum(numbers + every, rollout.n_steps - 1)
+    change = jnp.maximum(jnp.abs(now - asked[numbers + slots - every]), jnp.abs(asked[ahead + slots] - now))
+    return Loops(first.t, A, B, C, D, now, change, effect, samples.limited[:, :every].any(1), last.ok)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:

@@ -16,8 +16,8 @@ from ...io import files
 from ...io.pages import grid, html
 from ...io.pictures import write_figures
 from . import figures
-from .loops import GROWTH, Margins
-from .study import Found
+from .loops import GROWTH, SLOWEST, Margins
+from .study import JUMP, Found
 
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
 
@@ -60,20 +60,33 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     if failure:
         said.append(failure)
     if worst is None:
-        said.append("No loop could be looked at: at every instant something is at a limit.")
+        said.append("No loop could be looked at: at every instant something is at a limit, or what is asked for jumps.")
         return said, failure or said[-1]
     m, whose = worst.margins, f"vehicle {worst.vehicle}" if worst.vehicle else "the configured vehicle"
     where = f"of {whose} at {found.t[worst.instant]:.4g} s, at {names[worst.input]}"
     if np.isfinite(m.delay) and not m.delay == 0:
         said.append(
-            f"The tightest loop, {where}, bears {1e3 * m.delay:.3g} ms more delay, {m.gain:.3g} times its gain and"
+            f"The tightest loop, {where}, bears {1e3 * m.delay:.3g} ms more delay, {_times(m.gain)} gain and"
             f" {np.degrees(m.phase):.3g} degrees of lag."
         )
     else:
         said.append(f"The tightest loop is {where}.")
-    for name, unit, least in (("gain", "a gain margin below", 1), ("phase", "a phase margin below", 1)):
+    said += _below(found)
+    left = int(np.sum(found.left_out))
+    if left:
+        why = "something is at a limit there, or what is asked for jumps"
+        said.append(f"{left} of {found.left_out.size} instants are left out: {why}.")
+    return said, failure
+
+
+def _below(found: Found) -> list[str]:
+    """How many vehicles fall below what is usual."""
+    said, vehicles = [], len(found.ok)
+    bulk = float(np.nanquantile(found.values("delay"), 0.05, method="nearest"))
+    said.append(f"19 in 20 loops bear at least {1e3 * bulk:.3g} ms more delay.")
+    for name, unit in (("gain", "a gain margin below"), ("phase", "a phase margin below")):
         values = found.values(name)
-        below = int(np.sum(np.nanmin(np.where(np.isnan(values), np.inf, values), axis=(1, 2)) < least * USUAL[name]))
+        below = int(np.sum(np.nanmin(np.where(np.isnan(values), np.inf, values), axis=(1, 2)) < USUAL[name]))
         bound = f"{USUAL[name]:g}" if name == "gain" else f"{np.degrees(USUAL[name]):g} degrees"
         if below:
             said.append(f"{below} of {vehicles} vehicles have {unit} the usual {bound}.")
@@ -81,16 +94,15 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     high = int(np.sum(np.nanmax(np.where(np.isnan(peaks), 0, peaks), axis=(1, 2)) > USUAL["sensitivity"]))
     if high:
         said.append(f"In {high} of {vehicles} Ms is above the usual {USUAL['sensitivity']:g}.")
-    left = int(np.sum(found.limited))
-    if left:
-        said.append(
-            f"{left} of {found.limited.size} instants are left out: an actuator, or the law, is at a limit there."
-        )
-    return said, failure
+    return said
+
+
+def _times(gain: float) -> str:
+    return f"{gain:.3g} times its" if np.isfinite(gain) else "any more"
 
 
 def table(found: Found, names: list[str]) -> str:
-    """By input the tightest and the median of each margin."""
+    """By input the tightest of each margin, the one that 5 % of the loops fall below, and the median."""
     rows = []
     for i, name in enumerate(names):
         row: list[object] = [name]
@@ -100,14 +112,15 @@ def table(found: Found, names: list[str]) -> str:
             row + _ends(found.values("delay")[:, :, i] * 1e3, True) + _ends(found.values("sensitivity")[:, :, i], False)
         )
     heads = ["gain up", "gain down", "phase [degrees]", "more delay [ms]", "Ms"]
-    return grid(["input", *(f"{head}, {what}" for head in heads for what in ("tightest", "median"))], rows)
+    return grid(["input", *(f"{head}, {what}" for head in heads for what in ("tightest", "5 %", "median"))], rows)
 
 
 def _ends(values: np.ndarray, least: bool) -> list[float]:
     known = values[~np.isnan(values)]
     if not known.size:
-        return [np.nan, np.nan]
-    return [float(np.min(known) if least else np.max(known)), float(np.median(known))]
+        return [np.nan] * 3
+    shares = (0.0, 0.05, 0.5) if least else (1.0, 0.95, 0.5)
+    return [float(x) for x in np.quantile(known, shares, method="nearest")]
 
 
 def write(config: Config, found: Found, out: Path) -> Told:
@@ -115,12 +128,12 @@ def write(config: Config, found: Found, out: Path) -> Told:
     names = input_names(config.controller, config.scenario, config.timing("tune"))
     said, failure = sentences(found, names)
     rows = [
-        [v, float(found.t[k]), names[i], bool(found.limited[v, k]), bool(found.ok[v]), *m]
+        [v, float(found.t[k]), names[i], bool(found.left_out[v, k]), bool(found.ok[v]), *m]
         for v, vehicle in enumerate(found.margins)
         for k, now in enumerate(vehicle)
         for i, m in enumerate(now)
     ]
-    header = ["vehicle", "t [s]", "input", "limited", "ok", "gain", "less", "phase [rad]", "delay [s]", "Ms"]
+    header = ["vehicle", "t [s]", "input", "left out", "ok", "gain", "less", "phase [rad]", "delay [s]", "Ms"]
     files.write_csv(out / "margins.csv", [*header, "crossover [rad/s]", "growth [1/s]"], rows)
     drawings = {}
     worst = tightest(found)
@@ -161,8 +174,11 @@ and of {others} that were not tuned on. The loop is cut at one actuator, all oth
 of one change at that actuator the loop bears when nothing else changes: its gain up or down, lag at the frequency where
 its gain is 1, delay; Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of its
 side, backlash and rounding with 1: what a motion small beside them does is not told. Margins of gains that stand for
-one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them. A mode that
-grows by less than {GROWTH:g} 1/s is taken for one that stays, such as the place along a path.
+one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them. Left out are
+instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its largest in a
+second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and the column of
+5 % says more. Frequencies count from {SLOWEST:g} rad/s on, and a mode that grows by
+less than {GROWTH:g} 1/s is taken for one that stays, such as the place along a path.
 
 Made by `agvjax margins`, seed {config.seed}. agvjax {agvjax.__version__}.
 """

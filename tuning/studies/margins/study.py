@@ -17,6 +17,7 @@ from ...ensemble.draws import sample
 from .loops import Margins, Matrices, growth, margins, spaces, whole
 
 FULL = 0.9  # of its usual effect on the state: with less an input is at a limit of the plant, such as an acceleration
+JUMP = 2.0  # 1/s, of the largest input: where what is asked for changes faster, a corner begins or ends
 
 
 class Found(NamedTuple):
@@ -25,14 +26,14 @@ class Found(NamedTuple):
     period: float  # s
     t: np.ndarray  # (K,), s
     margins: list[list[list[Margins]]]  # V of K of m
-    limited: np.ndarray  # (V, K), there the loop is open: something is at a limit
+    left_out: np.ndarray  # (V, K): something is at a limit there, or what is asked for jumps
     ok: np.ndarray  # (V,), whether the run stayed within the limit
     loops: Loops  # of the vehicles
 
     def values(self, name: str) -> np.ndarray:
-        """One number of all of them, (V, K, m); of an instant at a limit, and of a run that diverged, NaN."""
+        """One number of all of them, (V, K, m); of an instant that is left out, and of a run that diverged, NaN."""
         found = np.array([[[m._asdict()[name] for m in now] for now in vehicle] for vehicle in self.margins], float)
-        found[self.limited | ~self.ok[:, None]] = np.nan
+        found[self.left_out | ~self.ok[:, None]] = np.nan
         return found
 
     def spaces(self, vehicle: int, instant: int) -> list[control.StateSpace]:
@@ -57,7 +58,9 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     tick("margins")
     found = [[_at(matrices(loops, v, k), period) for k in range(settings.instants)] for v in range(len(loops.t))]
     weak = np.any(loops.effect < FULL * np.median(loops.effect, axis=1, keepdims=True), axis=2)
-    return Found(period, loops.t[0], found, loops.limited | weak, loops.ok, loops)
+    usual = np.max(np.abs(loops.inputs), axis=(0, 1))
+    jumps = np.any(loops.change > JUMP * period * usual, axis=2)
+    return Found(period, loops.t[0], found, loops.limited | weak | jumps, loops.ok, loops)
 
 
 def _vehicles(config: Config) -> agvjax.Batch:
