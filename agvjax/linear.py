@@ -21,6 +21,7 @@ from .actuators.elements import Backlash, Delay, Quantisation
 from .engine import loop
 from .engine.rollout import Carry, Meter, Rollout, Row
 from .evaluate import Batch
+from .geometry import wrap
 from .protocols import Element, Law
 from .scenario import Scenario
 from .timing import Timing
@@ -42,6 +43,7 @@ class Loops(NamedTuple):
     D: Any  # (K, Q + 1, m, m)
     inputs: Any  # (K, m), what the actuators are asked for there
     change: Any  # (K, m), of these from the period before or to the next one, the larger
+    turning: Any  # (K,), rad/s, how fast the vehicle turns: as fast the loop itself may change
     effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
     limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
     ok: Any  # (), whether the run stayed within `scenario.limit`
@@ -150,9 +152,13 @@ def _linearised(controller: Law, scenario: Scenario, dt: ArrayLike, steps: Steps
     A, B, C, D, effect = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
     B, D = (_by_periods(x, shares, every) for x in (B, D))
     first = jax.tree.map(lambda x: x[:, 0], samples)
-    now, ahead = asked[numbers + slots], jnp.minimum(numbers + every, rollout.n_steps - 1)
+    now, ahead = asked[numbers + slots], jnp.minimum(numbers + every, found[1].heading.size - 1)
+    headings = found[1].heading.ravel()
+    turning = jnp.abs(wrap(headings[ahead] - headings[numbers])) / (
+        (ahead - numbers).astype(rollout.dtype) * rollout.dt
+    )
     change = jnp.maximum(jnp.abs(now - asked[numbers + slots - every]), jnp.abs(asked[ahead + slots] - now))
-    return Loops(first.t, A, B, C, D, now, change, effect, samples.limited[:, :every].any(1), last.ok)
+    return Loops(first.t, A, B, C, D, now, change, turning, effect, samples.limited[:, :every].any(1), last.ok)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:

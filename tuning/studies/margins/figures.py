@@ -32,7 +32,7 @@ def along(t: np.ndarray, delays: np.ndarray, sensitivities: np.ndarray, names: S
     delay.set(xlabel="t [s]", ylabel="more delay that it bears [ms]")
     delay.set_ylim(bottom=0)
     peak.axhline(2, color="0.5", lw=0.8)
-    peak.set(xlabel="t [s]", ylabel="Ms, largest |S|")
+    peak.set(xlabel="t [s]", ylabel="Ms, largest |S|", yscale="log")
     delay.legend(title="tightest vehicle; dotted: median", fontsize=8)
     return drawn
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-SLOWEST = 0.3  # rad/s, from which on a loop is looked at: slower than in 20 s the run itself changes it
+SLOWEST = 0.3  # rad/s, from which on a loop is looked at: in more than 20 s the run itself changes it
 FREQUENCIES = 300  # up to half the sampling frequency
-GROWTH = 0.3  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
+GROWTH = 0.05  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
 
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
@@ -69,16 +69,20 @@ def growth(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: f
     return float(np.log(np.max(np.abs(np.linalg.eigvals(closed)))) / period)
 
 
-def frequencies(period: float) -> np.ndarray:
-    """Where loops are looked at [rad/s]."""
-    return np.geomspace(SLOWEST, np.pi / period * (1 - 1e-6), FREQUENCIES)
+def frequencies(period: float, turning: float = 0.0) -> np.ndarray:
+    """Where the loop of a vehicle that turns so fast [rad/s] is looked at [rad/s]."""
+    return np.geomspace(max(SLOWEST, turning), np.pi / period * (1 - 1e-6), FREQUENCIES)
 
 
-def margins(space: control.StateSpace, period: float, fastest: float) -> Margins:
-    """What a loop bears, by python-control, from its frequency response."""
-    if fastest > GROWTH:
+def margins(space: control.StateSpace, period: float, fastest: float, turning: float = 0.0) -> Margins:
+    """What a loop bears, by python-control, from its frequency response.
+
+    A loop that is taken at one instant says nothing of what is slower than the vehicle turns [rad/s]: it is another by
+    then. So frequencies count from there on, and modes that grow faster.
+    """
+    if fastest > GROWTH + turning:
         return LOST._replace(growth=fastest)
-    response = control.frequency_response(space, frequencies(period))
+    response = control.frequency_response(space, frequencies(period, turning))
     gains, phases, stability, _, crossings, _ = control.stability_margins(response, returnall=True)
     more, less = gains[gains > 1], gains[gains < 1]
     ahead = np.radians(phases) % (2 * np.pi)  # how much lag it takes at each crossing, all the way round if need be

@@ -16,7 +16,7 @@ from ...io import files
 from ...io.pages import grid, html
 from ...io.pictures import write_figures
 from . import figures
-from .loops import GROWTH, SLOWEST, Margins
+from .loops import SLOWEST, Margins
 from .study import JUMP, Found
 
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
@@ -51,8 +51,7 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     """What is found, the most important first, and why that is a failure."""
     vehicles, worst, said, failure = len(found.ok), tightest(found), [], ""
     lost = int(np.sum(~found.ok))
-    growing = np.nanmax(np.where(np.isnan(found.values("growth")), -np.inf, found.values("growth")), axis=(1, 2))
-    unstable = int(np.sum(growing > GROWTH))
+    unstable = int(np.sum(np.any(found.values("sensitivity") == np.inf, axis=(1, 2))))
     if lost:
         failure = f"{lost} of {vehicles} runs diverge."
     elif unstable:
@@ -177,8 +176,8 @@ side, backlash and rounding with 1: what a motion small beside them does is not 
 one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them. Left out are
 instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its largest in a
 second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and the column of
-5 % says more. Frequencies count from {SLOWEST:g} rad/s on, and a mode that grows by
-less than {GROWTH:g} 1/s is taken for one that stays, such as the place along a path.
+5 % says more. What is slower than the vehicle turns at that instant, or than {SLOWEST:g} rad/s, is another loop by then
+and does not count.
 
 Made by `agvjax margins`, seed {config.seed}. agvjax {agvjax.__version__}.
 """

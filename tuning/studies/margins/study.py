@@ -56,7 +56,10 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     every, _, _ = instants(config.controller, timing, first, settings.instants)
     period = every * float(timing.dt)
     tick("margins")
-    found = [[_at(matrices(loops, v, k), period) for k in range(settings.instants)] for v in range(len(loops.t))]
+    found = [
+        [_at(matrices(loops, v, k), period, loops.turning[v, k]) for k in range(settings.instants)]
+        for v in range(len(loops.t))
+    ]
     weak = np.any(loops.effect < FULL * np.median(loops.effect, axis=1, keepdims=True), axis=2)
     usual = np.max(np.abs(loops.inputs), axis=(0, 1))
     jumps = np.any(loops.change > JUMP * period * usual, axis=2)
@@ -74,8 +77,8 @@ def _vehicles(config: Config) -> agvjax.Batch:
     )
 
 
-def _at(parts: Matrices, period: float) -> list[Margins]:
+def _at(parts: Matrices, period: float, turning: float) -> list[Margins]:
     if not all(np.isfinite(x).all() for x in parts):
         return [Margins(*[np.nan] * len(Margins._fields))] * parts[-1].shape[0]
     fastest = growth(*parts, period)
-    return [margins(space, period, fastest) for space in spaces(*parts, period)]
+    return [margins(space, period, fastest, turning) for space in spaces(*parts, period)]
