@@ -433,7 +433,9 @@ def test_c_drives_as_the_simulator_does(limited, tmp_path):
 # ---- NumPy
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n == "learning" else []) for n in LAWS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in ("computer", "learning") else []) for n in LAWS]
+)
 def test_numpy_agrees_and_imports_nothing_else(name, exported):
     law = exported(name).controller
     text = numpy_file.files(exported(name))["agv_controller.py"]
