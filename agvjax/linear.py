@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float, PyTree
 
 from ._pytree import pytree
@@ -36,6 +35,7 @@ class Loops(NamedTuple):
     closed where v_0 = u. Of a batch each array has one more leading axis.
     """
 
+    period: Any  # (), s, of the law; of a law in continuous time a step of the integrator
     t: Any  # (K,), s
     A: Any  # (K, n, n)
     B: Any  # (K, Q + 1, n, m)
@@ -85,8 +85,7 @@ def input_names(controller: Law, scenario: Scenario, timing: Timing) -> list[str
 def longest_delay(scenario: Scenario | Batch) -> float:
     """The longest delay [s] of an actuator, with its jitter, of a scenario or of a batch of them."""
     chains = (scenario.scenario if isinstance(scenario, Batch) else scenario).actuators
-    parts = [part for chain in chains.values() for _, part in chain.elements("")]
-    return max((float(np.max(np.asarray(p.time + p.jitter))) for p in parts if isinstance(p, Delay)), default=0.0)
+    return max((float(np.max(np.asarray(_late(chain)))) for chain in chains.values()), default=0.0)
 
 
 def linearised(
@@ -94,11 +93,10 @@ def linearised(
 ) -> Loops:
     """The loops of a run, or of a batch of runs, at `count` control instants from `first` [s] on.
 
-    A deadzone, linear about the input of the moment, has the slope of its side also within the threshold: that of a
-    motion large beside it. Backlash and quantisation count as 1. A delay is kept whole: of a law with a period its
-    inputs are held in between, of a law in continuous time a step of the integrator is the period. Where something is
-    at a limit, what it delivers does not depend on its input: `limited`. Noise of a sensor is left out; plants with a
-    memory of their own keep it as it is.
+    A deadzone of the scenario has, about the input of the moment, the slope of its side, also within the threshold:
+    that of a motion large beside it. Backlash and quantisation count as 1. A delay is kept whole: of a law with a
+    period its inputs are held in between, of a law in continuous time a step of the integrator is the period. Where
+    something is at a limit, what it delivers does not depend on its input: `limited`. Noise of a sensor is left out.
 
     Source: linearisation along a trajectory, e.g. Astrom and Murray, Feedback Systems, sec. 6.4; sampled loops with
     delay, Astrom and Wittenmark, Computer-Controlled Systems, sec. 2.5.
@@ -108,27 +106,24 @@ def linearised(
     """
     every, begin, stride = instants(controller, timing, first, count)
     slots = max(every, math.ceil(longest_delay(scenario) / float(timing.dt) - 1e-9) + 2)
-    steps = every, begin, stride, count, slots
-    if not isinstance(scenario, Batch):
-        return _linearised(controller, scenario, timing.dt, steps, timing)
-    return _each(controller, scenario, timing.dt, steps, timing)
+    timing, steps = dataclasses.replace(timing, dt=float(timing.dt)), (every, begin, stride, count, slots)
+    return (_each if isinstance(scenario, Batch) else _linearised)(controller, scenario, steps, timing)
 
 
 Steps = tuple[int, int, int, int, int]  # in a period, to the first instant, to the next, instants, of a delay
 
 
 @functools.partial(jax.jit, static_argnames=("steps", "timing"))
-def _each(controller: Law, batch: Batch, dt: ArrayLike, steps: Steps, timing: Timing) -> Loops:
+def _each(controller: Law, batch: Any, steps: Steps, timing: Timing) -> Loops:
     def one(index: Array) -> Loops:
-        return _linearised(controller, batch[index], dt, steps, timing)
+        return _linearised(controller, batch[index], steps, timing)
 
     return jax.lax.map(one, jnp.arange(batch.size), batch_size=TOGETHER)
 
 
 @functools.partial(jax.jit, static_argnames=("steps", "timing"))
-def _linearised(controller: Law, scenario: Scenario, dt: ArrayLike, steps: Steps, timing: Timing) -> Loops:
+def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) -> Loops:
     every, begin, stride, count, slots = steps
-    timing = dataclasses.replace(timing, dt=dt)
     rollout = _rollout(controller, dataclasses.replace(scenario, sensor=None), timing)
 
     def stretch(carry: Carry, first: Array) -> tuple[Carry, tuple[Carry, loop.Sample]]:
@@ -146,19 +141,18 @@ def _linearised(controller: Law, scenario: Scenario, dt: ArrayLike, steps: Steps
     def one(carry: Carry, number: Array) -> tuple[Array, ...]:
         before = jax.lax.dynamic_slice_in_dim(asked, number, slots + every)  # from number - slots on
         lines = jnp.stack([before[slots + s - np.arange(slots)] for s in range(every)])  # (every, slots, m)
-        arrive = jnp.einsum("sjm,mj->sm", lines, shares)
-        return _opened(rollout, carry, rollout.table(number, every), arrive)
+        delayed = jnp.einsum("sjm,mj->sm", lines, shares)
+        return _opened(rollout, timing, carry, rollout.table(number, every), delayed)
 
     A, B, C, D, effect = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
     B, D = (_by_periods(x, shares, every) for x in (B, D))
-    first = jax.tree.map(lambda x: x[:, 0], samples)
-    now, ahead = asked[numbers + slots], jnp.minimum(numbers + every, found[1].heading.size - 1)
-    headings = found[1].heading.ravel()
-    turning = jnp.abs(wrap(headings[ahead] - headings[numbers])) / (
-        (ahead - numbers).astype(rollout.dtype) * rollout.dt
-    )
+    now = asked[numbers + slots]
+    ahead = jnp.minimum(numbers + every, len(asked) - slots - 1)
     change = jnp.maximum(jnp.abs(now - asked[numbers + slots - every]), jnp.abs(asked[ahead + slots] - now))
-    return Loops(first.t, A, B, C, D, now, change, turning, effect, samples.limited[:, :every].any(1), last.ok)
+    headings, apart = found[1].heading.ravel(), (ahead - numbers).astype(rollout.dtype) * rollout.dt
+    turning = jnp.abs(wrap(headings[ahead] - headings[numbers])) / apart
+    t, limited = samples.t[:, 0], samples.limited[:, :every].any(1)
+    return Loops(every * rollout.dt, t, A, B, C, D, now, change, turning, effect, limited, last.ok)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:
@@ -172,7 +166,7 @@ def _shapes(rollout: Rollout) -> dict[str, tuple[int, ...]]:
         row = jax.tree.map(lambda x: x[0], rollout.table(jnp.zeros((), int), 1))
         signals = rollout.signals(row.t[0], jax.tree.map(lambda x: x[0], row.signals))
         carry = rollout.begin()
-        return loop._respond(rollout.controller, rollout.scenario, carry.flow, carry.memory, signals).inputs
+        return loop.respond(rollout.controller, rollout.scenario, carry.flow, carry.memory, signals).inputs
 
     return {name: x.shape for name, x in jax.eval_shape(asked).items()}
 
@@ -181,9 +175,7 @@ def _shares(scenario: Scenario, dt: Array, slots: int, shapes: dict[str, tuple[i
     """Of a step, for how much of it the input of so many steps before acts, (m, slots); straight between steps."""
     found, ages = [], jnp.arange(slots).astype(dt.dtype)
     for name in scenario.plant.actuators:
-        chain = scenario.actuators.get(name)
-        parts = [] if chain is None else [part for _, part in chain.elements("") if isinstance(part, Delay)]
-        late = sum((part.time + part.jitter for part in parts), start=jnp.zeros_like(dt))
+        late = _late(scenario.actuators.get(name, Chain())) + jnp.zeros_like(dt)
         found += [jnp.maximum(1 - jnp.abs(late / dt - ages), 0)] * math.prod(shapes[name])
     return jnp.stack(found)
 
@@ -196,7 +188,7 @@ def _by_periods(x: Array, shares: Array, every: int) -> Array:
     return jnp.einsum("ksnm,mj,sjq->kqnm", x, shares, of)
 
 
-def _opened(rollout: Rollout, carry: Carry, rows: Row, arrive: Array) -> tuple[Array, ...]:
+def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: Array) -> tuple[Array, ...]:
     """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size (m,)."""
     scenario, shapes = rollout.scenario, _shapes(rollout)
     sizes = np.cumsum([math.prod(shapes[name]) for name in scenario.plant.actuators])[:-1].tolist()
@@ -213,7 +205,7 @@ def _opened(rollout: Rollout, carry: Carry, rows: Row, arrive: Array) -> tuple[A
     def period(x: Array, delivered: Array) -> tuple[Array, Array]:
         def step(carry: Carry, given: tuple[Row, Array]) -> tuple[Carry, Array]:
             row, now = given
-            open_loop = _rollout(rollout.controller, cut(now), _timing(rollout))
+            open_loop = _rollout(rollout.controller, cut(now), timing)
             later, sample = open_loop.step(carry, row)
             return later, sample.inputs
 
@@ -246,32 +238,38 @@ def _numbers(carry: Carry) -> tuple[Array, Callable[[Array], Carry]]:
     return jnp.concatenate([jnp.ravel(x) for x, m in zip(leaves, moves, strict=True) if m]), whole
 
 
-def _timing(rollout: Rollout) -> Timing:
-    every = rollout.every if isinstance(rollout.every, int) else 1
-    return Timing(dt=rollout.dt, n_steps=rollout.n_steps, control_every=every, integrator=rollout.integrator)
-
-
 def _tangent(zone: Element, u: Array) -> tuple[Array, Array]:
     """What is delivered of an input, and its slope: that of its side within a threshold too."""
     slope = zone.slope(u) if isinstance(zone, Deadzone) else jax.jvp(zone, (u,), (jnp.ones_like(u),))[1]
     return zone(u), slope + jnp.zeros_like(u)
 
 
-def _without(element: Chain | Element | None) -> Chain | None:
-    """A chain without what is linearised elsewhere, or counts as 1; None where nothing is left."""
-    if not isinstance(element, Chain):
-        return None
-    kept = {name: part for name, part in element.items() if not isinstance(part, (Delay, Backlash, Quantisation))}
-    return Chain(**kept) if kept else None
+def _late(element: Element) -> Any:
+    """How late [s] all delays of an element together are, with their jitter."""
+    return sum(part.time + part.jitter for _, part in element.elements("") if isinstance(part, Delay))
 
 
-def _carried(carry: Carry, chains: dict[str, Chain | None]) -> Carry:
+def _without(element: Element | None) -> Element | None:
+    """An element without what is linearised elsewhere, or counts as 1; None where nothing is left."""
+    if isinstance(element, Chain):
+        parts = {name: _without(part) for name, part in element.items()}
+        kept = {name: part for name, part in parts.items() if part is not None}
+        return Chain(**kept) if kept else None
+    return None if isinstance(element, (Delay, Backlash, Quantisation)) else element
+
+
+def _part(kept: Element, tree: PyTree) -> PyTree:
+    """State or memory of what is kept of an element."""
+    return {name: _part(part, tree[name]) for name, part in kept.items()} if isinstance(kept, Chain) else tree
+
+
+def _carried(carry: Carry, chains: dict[str, Element | None]) -> Carry:
     """States and memories of the parts that are kept."""
 
     def of(tree: dict[str, PyTree]) -> dict[str, PyTree]:
         return {
-            name: () if chain is None else {"deadzone": (), "rest": {part: tree[name]["rest"][part] for part in chain}}
-            for name, chain in chains.items()
+            name: () if kept is None else {"deadzone": (), "rest": _part(kept, tree[name]["rest"])}
+            for name, kept in chains.items()
         }
 
     flow = dataclasses.replace(carry.flow, actuators=of(carry.flow.actuators))

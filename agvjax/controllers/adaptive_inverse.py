@@ -18,6 +18,8 @@ from ..protocols import Inputs, Plant
 from .compensation import Inverse, believed_of
 from .replay import MOST_SLOTS, joined, memoryless, stepped, under_way
 
+FASTEST = 2.0  # rate up to which beliefs come nearer to the truth
+
 
 @pytree
 class Learnt:
@@ -35,10 +37,9 @@ class AdaptiveInverse(Inverse):
     """`Inverse` whose beliefs are adapted online; they begin as `believed`.
 
     Each side of an actuator is believed to deliver m (|u| - c) + q, with the slope m, and q of its `usual` input c, so
-    that its threshold is c - q / m. Once a period the computer's `vehicle` is stepped from the last
-    measurement by what should have been delivered; e is by how much a velocity [m/s] or the yaw rate [rad/s] differs.
-    With theta = (m c / 2, q) of all sides, in which what is delivered is linear, and phi = d(velocity)/d theta, of one
-    after the other of them:
+    that its threshold is c - q / m. Once a period the computer's `vehicle` is stepped from the last measurement by what
+    should have been delivered; e is by how much a velocity [m/s] or the yaw rate [rad/s] differs. What is delivered is
+    linear in theta = (m c / 2, q) of all sides; with phi = d(velocity)/d theta, of one velocity after the other:
 
         theta' = P(theta + `rate` phi e_d / (`floor` + |phi|^2)),        e_d = sign(e) max(|e| - `dead_band`, 0)
 
@@ -63,7 +64,7 @@ class AdaptiveInverse(Inverse):
     delay: Real = number(0.0, "s", NONNEGATIVE, "from the instant of a command until it acts")
     slots: int = structure(4)  # inputs remembered: more than the delay in periods
 
-    tunable = (*Inverse.tunable, "rate")
+    tunable = ("width", "quiet", "rate")
 
     def hold(self, wanted: Inputs, measurement: Measurement) -> Learnt:
         """Beliefs as at first; nothing under way."""
@@ -118,8 +119,12 @@ class AdaptiveInverse(Inverse):
             found[name] = Deadzone(slope_right=x[0], slope_left=x[1], threshold_right=s[0], threshold_left=s[1])
         return found
 
+    def upper_bounds(self, period: float) -> dict[str, float]:
+        """The rate of its proof, and a delay no longer than what is remembered."""
+        return {"rate": FASTEST, "delay": (self.slots - 1) * period}
+
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
-        """Those of an inverse; no computer; no scale; too few slots or too many; a vehicle that remembers."""
+        """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle that remembers."""
         found = super().faults(vehicle, period)
         if period is None:
             return [*found, Fault("type", type(self).__name__, "one that needs no computer: use sampled, or inverse")]
@@ -132,6 +137,8 @@ class AdaptiveInverse(Inverse):
             if not usual > largest:
                 rule = f"above the thresholds that are believed in, of {name} {largest:g}"
                 found.append(Fault("usual", np.asarray(self.usual).tolist(), rule))
+        if np.max(np.asarray(self.rate)) > FASTEST:
+            found.append(Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, of its proof"))
         if not np.min(np.asarray(self.farthest)) > 1:
             found.append(Fault("farthest", float(np.min(np.asarray(self.farthest))), "greater than 1"))
         needed = 1 + int(np.ceil(float(np.max(np.asarray(self.delay))) / period - 1e-9))

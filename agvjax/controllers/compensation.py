@@ -50,6 +50,10 @@ class Compensation:
         """The same with these deadzones for those that it believes in."""
         return self
 
+    def upper_bounds(self, period: float) -> dict[str, float]:
+        """By number what it must stay below in a computer of this period [s]."""
+        return {}
+
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
         """What of it does not suit a vehicle and a computer's period [s]; keys are relative to it.
 

@@ -190,7 +190,8 @@ class Sampled(Allocating):
         """What a period can hold: a rate of 2 / period is where a held proportional loop ends to be stable."""
         fastest = 2 / float(self.period)
         bounds = {"k1": fastest, "k2": fastest, "k3": fastest, "omega_n": np.pi * fastest, "zeta": 3.0}
-        own = {f"prediction.{name}": x for name, x in self.prediction.upper_bounds(float(self.period)).items()}
+        parts, period = {"prediction": self.prediction, "compensation": self.compensation}, float(self.period)
+        own = {f"{part}.{name}": x for part, held in parts.items() for name, x in held.upper_bounds(period).items()}
         return own | {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
 
     def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:

@@ -136,7 +136,7 @@ def _allocate(plant: Plant, command: Command, measurement: Measurement) -> Input
     return plant.allocate(command, measurement) if command.inputs is None else command.inputs
 
 
-def _respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals) -> Response:
+def respond(controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals) -> Response:
     """What is measured, commanded and delivered at one instant.
 
     Where the plant's output depends on what it delivers, the loop is closed by a second pass: the first gives the
@@ -207,7 +207,7 @@ def jump(
     controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals, h: Float[Array, ""]
 ) -> Memory:
     """The memory of sensor and controller after a control instant, `h` [s] after the last one; and the route's foot."""
-    delivered = _respond(controller, scenario, flow, memory, signals).delivered
+    delivered = respond(controller, scenario, flow, memory, signals).delivered
     true = scenario.plant.output(flow.plant, delivered)
     if isinstance(scenario.path, Route) and isinstance(memory.route, Place):
         place = scenario.path.follow(true.position, memory.route, true.velocity, h)
@@ -222,13 +222,13 @@ def advance(
     controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals, h: Float[Array, ""]
 ) -> Memory:
     """The memory of actuators and plant for the step that begins, `h` [s] long."""
-    inputs = _respond(controller, scenario, flow, memory, signals).inputs
+    inputs = respond(controller, scenario, flow, memory, signals).inputs
     actuators = {
         name: actuator(scenario, name).jump(flow.actuators[name], before, inputs[name], h)
         for name, before in memory.actuators.items()
     }
     memory = dataclasses.replace(memory, actuators=actuators)
-    delivered = _respond(controller, scenario, flow, memory, signals).delivered
+    delivered = respond(controller, scenario, flow, memory, signals).delivered
     return dataclasses.replace(memory, plant=scenario.plant.jump(flow.plant, memory.plant, delivered, h))
 
 
@@ -236,7 +236,7 @@ def derivative(
     controller: Law, scenario: Scenario, flow: Flow, memory: Memory, signals: Signals
 ) -> tuple[Flow, Sample]:
     """Eq. (6) under the law: the derivative of the whole continuous state, and what one sees at this instant."""
-    response, plant = _respond(controller, scenario, flow, memory, signals), scenario.plant
+    response, plant = respond(controller, scenario, flow, memory, signals), scenario.plant
     plant_rate = plant.derivative(flow.plant, memory.plant, response.delivered, signals.disturbance)
     seen = plant.output(flow.plant, response.delivered)
     beside, path = None, scenario.path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..studies.margins.rules import faults
-from .console import RunFailed, failing
+from .console import RunFailed
 from .folders import new_folder
 from .prepare import configure, warn
 
@@ -18,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "tune")
-    with failing(), console.parts(2, "part", (RuntimeError,)) as tick:
+    with console.parts(2) as tick:
         found = study(config, tick)
     told = page.write(config, found, out)
     console.say(told.text, f"written to {out}; begin with {out}/report.html")

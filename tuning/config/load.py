@@ -20,19 +20,8 @@ from .rules import Rules, checked, faults
 from .settings import VERSION, Config
 from .spellings import KINDS, NAMED, Toml, flat
 
-SECTIONS = (
-    "scenario",
-    "scenario.start",
-    "simulate",
-    "criteria",
-    "ensemble",
-    "tune",
-    "tune.search",
-    "pareto",
-    "speed",
-    "margins",
-)
-SECTIONS += ("sweep", "identify")
+SECTIONS = ("scenario", "scenario.start", "simulate", "criteria", "ensemble", "tune", "tune.search", "pareto", "speed")
+SECTIONS += ("margins", "sweep", "identify")
 VEHICLES = ("unicycle", "car", "robot")
 PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "base", "forklift", "paper-goal", "all-gains")
 

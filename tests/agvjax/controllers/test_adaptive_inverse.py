@@ -38,14 +38,15 @@ def times(zone, slope, threshold):
     return Deadzone(**{n: getattr(zone, n) * (slope if n.startswith("slope") else threshold) for n in SIDES})
 
 
-def loop(zones, slope, threshold, sensor=None, straight=False, **numbers):
-    """A law that believes in wrong zones on a base with these; what else it believes is right."""
+def loop(zones, slope, threshold, sensor=None, straight=False, others=None, **numbers):
+    """A law that believes in wrong zones on a base with these; what else it believes is right but for the `others`."""
     believed = {name: times(zone, slope, threshold) for name, zone in zones.items()}
     inverse = AdaptiveInverse(believed=believed, delay=DELAY, **numbers)
     law = Sampled(inner=Sines(straight=straight), vehicle=Base(), period=PERIOD, compensation=inverse)
-    late = {name: Chain(delay=Delay(time=DELAY, slots=4)) for name in zones}
+    plant, delays = others or (Base(), (DELAY, DELAY))
+    late = {name: Chain(delay=Delay(time=t, slots=4)) for name, t in zip(zones, delays, strict=True)}
     return law, Scenario(
-        plant=Base(),
+        plant=plant,
         deadzone=zones,
         actuators=late,
         disturbance=agvjax.NoDisturbance(),
@@ -74,17 +75,22 @@ def learnt(law, scenario, seconds, dt=0.005):
     return jax.lax.scan(second, rollout.begin(), round(1 / dt) * jnp.arange(seconds))[1]
 
 
-def errors(noise):
-    """Largest relative error of all eight parameters after a minute, of ten vehicles with beliefs half wrong."""
+def errors(noise, drawn=False):
+    """Largest relative error of all eight parameters after a minute, of 64 vehicles whose beliefs are half wrong.
+
+    `drawn`: lag, acceleration, drift and delays as the preset draws them too, which nobody tells the beliefs.
+    """
     rng, loops, truth = np.random.default_rng(1), [], []
-    for k in range(10):
+    for k in range(64):
         numbers = rng.uniform([0.85, 0.85, 0.02, 0.02], [1.05, 1.05, 0.1, 0.1], (2, 4))  # as the preset draws them
         zones = {
             name: Deadzone(**dict(zip(SIDES, row, strict=True)))
             for name, row in zip(("left", "right"), numbers.tolist(), strict=True)
         }
         sensor = Noise(position=0.0, velocity=noise, heading=0.0, yaw_rate=2 * noise, seed=float(k))
-        loops.append(loop(zones, (0.5, 1.5)[k % 2], (0.5, 1.5)[k // 2 % 2], sensor))
+        lag, acceleration, drift, *delays = rng.uniform([0.08, 0.6, -0.02, 0.04, 0.04], [0.25, 1.2, 0.02, 0.12, 0.12])
+        others = (Base(time_constant=lag, acceleration=acceleration, drift=drift), delays) if drawn else None
+        loops.append(loop(zones, (0.5, 1.5)[k % 2], (0.5, 1.5)[k // 2 % 2], sensor, others=others))
         truth.append(numbers)
     laws, scenarios = (stacked(trees) for trees in zip(*loops, strict=True))
     found = jax.vmap(lambda law, scenario: learnt(law, scenario, 60))(laws, scenarios)
@@ -93,12 +99,18 @@ def errors(noise):
 
 
 def test_beliefs_half_wrong_come_to_the_truth_within_a_minute():
-    assert np.max(errors(0.0)) < 0.1
+    found = errors(0.0)
+    assert np.mean(found < 0.1) >= 0.9 and np.median(found) < 0.03
 
 
 def test_noise_of_a_millimetre_per_second_costs_some_of_that():
-    worst = np.sort(errors(0.001))
-    assert worst[7] < 0.1 and worst[-1] < 0.2
+    found = errors(0.001)
+    assert np.mean(found < 0.1) >= 0.5 and np.max(found) < 0.4
+
+
+def test_what_the_vehicle_does_otherwise_is_put_down_to_the_deadzone():
+    """Not what one would like; the docs say so."""
+    assert np.mean(errors(0.0, drawn=True) < 0.1) < 0.1
 
 
 ZONES = {name: Deadzone(slope_right=0.95, slope_left=0.9, threshold_right=0.06, threshold_left=0.05) for name in "ab"}
@@ -115,6 +127,7 @@ def test_on_a_straight_line_an_hour_teaches_what_is_delivered_and_no_more():
         u = 0.8 / zone.slope_right + zone.threshold_right  # what the wheel needs for 0.8 m/s
         delivered = believed[:, 0] * (u - believed[:, 2])
         assert np.all(np.abs(delivered[60:] / 0.8 - 1) < 0.03)
+        assert believed[-1, 2] < 0.01  # the threshold is not told from the slope
         assert np.ptp(believed[60:, 0]) < 0.06 and np.ptp(believed[60:, 2]) < 0.01  # and stays where it came to
 
 
@@ -183,6 +196,7 @@ def test_beliefs_never_move_away_from_the_truth():
         ({"usual": np.array([0.4])}, "compensation.usual"),
         ({"usual": np.array([0.4, 0.05])}, "compensation.usual"),
         ({"farthest": 1.0}, "compensation.farthest"),
+        ({"rate": 2.5}, "compensation.rate"),
         ({"slots": 2}, "compensation.slots"),
         ({"believed": {}}, "compensation.believed"),
     ],
@@ -206,3 +220,4 @@ def test_a_file_says_it():
     assert (found.rate, found.delay, list(found.usual)) == (0.2, 0.08, [0.5, 0.4])
     assert found.believed == config.scenario.deadzone
     assert "compensation.rate" in config.controller.gains_to_tune()
+    assert config.controller.upper_bounds(lambda poles: True)["compensation.rate"] == 2.0

@@ -21,6 +21,8 @@ from .study import JUMP, Found
 
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
 
+WHY = "something is at a limit there, what is asked for jumps, or a slope is not finite"
+
 
 class Told(NamedTuple):
     """What is printed, and why the gains should not be used; empty where nothing speaks against them."""
@@ -59,11 +61,11 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     if failure:
         said.append(failure)
     if worst is None:
-        said.append("No loop could be looked at: at every instant something is at a limit, or what is asked for jumps.")
+        said.append(f"No loop could be looked at, at no instant: {WHY}.")
         return said, failure or said[-1]
     m, whose = worst.margins, f"vehicle {worst.vehicle}" if worst.vehicle else "the configured vehicle"
     where = f"of {whose} at {found.t[worst.instant]:.4g} s, at {names[worst.input]}"
-    if np.isfinite(m.delay) and not m.delay == 0:
+    if m.delay > 0:
         said.append(
             f"The tightest loop, {where}, bears {1e3 * m.delay:.3g} ms more delay, {_times(m.gain)} gain and"
             f" {np.degrees(m.phase):.3g} degrees of lag."
@@ -73,8 +75,7 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     said += _below(found)
     left = int(np.sum(found.left_out))
     if left:
-        why = "something is at a limit there, or what is asked for jumps"
-        said.append(f"{left} of {found.left_out.size} instants are left out: {why}.")
+        said.append(f"{left} of {found.left_out.size} instants are left out: {WHY}.")
     return said, failure
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax.leaves import get
-from agvjax.linear import Loops, instants, linearised
+from agvjax.linear import Loops, linearised
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
@@ -26,7 +26,7 @@ class Found(NamedTuple):
     period: float  # s
     t: np.ndarray  # (K,), s
     margins: list[list[list[Margins]]]  # V of K of m
-    left_out: np.ndarray  # (V, K): something is at a limit there, or what is asked for jumps
+    left_out: np.ndarray  # (V, K): a limit, a jump of what is asked for, or slopes that are not finite
     ok: np.ndarray  # (V,), whether the run stayed within the limit
     loops: Loops  # of the vehicles
 
@@ -53,8 +53,7 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     tick("runs")
     loops = linearised(config.controller, _vehicles(config), timing=timing, first=first, count=settings.instants)
     loops = Loops(*(np.asarray(x) for x in loops))
-    every, _, _ = instants(config.controller, timing, first, settings.instants)
-    period = every * float(timing.dt)
+    period = float(loops.period[0])
     tick("margins")
     found = [
         [_at(matrices(loops, v, k), period, loops.turning[v, k]) for k in range(settings.instants)]
@@ -63,7 +62,8 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     weak = np.any(loops.effect < FULL * np.median(loops.effect, axis=1, keepdims=True), axis=2)
     usual = np.max(np.abs(loops.inputs), axis=(0, 1))
     jumps = np.any(loops.change > JUMP * period * usual, axis=2)
-    return Found(period, loops.t[0], found, loops.limited | weak | jumps, loops.ok, loops)
+    unknown = np.array([[np.isnan(now[0].growth) for now in vehicle] for vehicle in found])
+    return Found(period, loops.t[0], found, loops.limited | weak | jumps | unknown, loops.ok, loops)
 
 
 def _vehicles(config: Config) -> agvjax.Batch:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax import Chain, Command, Deadzone, Delay, Measurement, Timing
+from agvjax import Chain, Command, Deadzone, Delay, Lag, Measurement, Timing
 from agvjax.linear import input_names, instants, linearised
 from commands import run
 from tuning.config import load
 from tuning.studies.margins.loops import growth, margins, spaces
+from tuning.studies.margins.rules import faults
 from tuning.studies.margins.study import matrices
 
 
@@ -74,8 +75,7 @@ def mass(delay=0.0, slope=1.0, slots=3):
 
 def found(law, scenario, timing, first=1.0, count=2):
     loops = linearised(law, scenario, timing=timing, first=first, count=count)
-    every, _, _ = instants(law, timing, first, count)
-    period = every * float(timing.dt)
+    period = float(loops.period)
     return [
         [margins(space, period, growth(*parts, period)) for space in spaces(*parts, period)]
         for parts in (matrices(loops, k) for k in range(count))
@@ -145,6 +145,31 @@ def test_the_delay_margin_is_the_delay_at_which_a_simulated_robot_begins_to_weav
     at = int(np.argmax(grows > 0))
     edge = np.interp(0.0, grows[at - 1 : at + 1], extras[at - 1 : at + 1])
     assert edge == pytest.approx(bears, rel=0.03)
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_all_delays_of_a_chain_add_up_and_what_else_is_in_it_stays(nested):
+    """A lag of T adds -atan(w T); also of an element without a chain, or in a chain within a chain."""
+    dt, T = 5e-3, 0.05
+    late = {"first": Delay(time=0.04, slots=12), "second": Delay(time=0.06, slots=16)}
+    chain = Chain(late=Chain(**late), lag=Lag(time_constant=T)) if nested else Chain(**late, lag=Lag(time_constant=T))
+    scenario = dataclasses.replace(mass(), actuators={"push": chain})
+    (m,), _ = found(Spring(k=2.0, c=2.0), scenario, Timing(dt=dt, n_steps=400))
+    w = np.linspace(1.0, 4.0, 300_001)
+    L = (2 + 2j * w) / (1j * w) ** 2 / (1 + 1j * w * T) * np.exp(-1j * w * (0.1 + dt / 2))
+    at = np.argmin(np.abs(np.abs(L) - 1))
+    phase = np.pi + np.angle(L[at])
+    np.testing.assert_allclose([m.crossover, m.phase], [w[at], phase], rtol=3e-3)
+    alone = dataclasses.replace(mass(), actuators={"push": Lag(time_constant=T)})
+    (m,), _ = found(Spring(k=2.0, c=2.0), alone, Timing(dt=dt, n_steps=400))
+    phase = np.pi + np.angle(L[at] * np.exp(1j * w[at] * 0.1))
+    np.testing.assert_allclose([m.crossover, m.phase], [w[at], phase], rtol=3e-3)
+
+
+def test_without_python_control_the_way_to_install_it_is_said(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    (fault,) = faults(load(["base"], []))
+    assert fault.key == "margins" and "agvjax[margins]" in fault.rule
 
 
 def test_an_unstable_loop_bears_nothing():
