@@ -26,6 +26,10 @@ from .scenario import Scenario
 from .timing import Timing
 
 TOGETHER = 16  # vehicles of a batch
+SLOWEST = 0.3  # rad/s, from which on a loop is looked at: in more than 20 s the run itself changes it
+GROWTH = 0.05  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
+FULL = 0.9  # of its usual effect on the state: with less an input is at a limit of the plant, such as an acceleration
+JUMP = 2.0  # 1/s, of the largest input: where what is asked for changes faster, a corner begins or ends
 
 
 class Loops(NamedTuple):
@@ -49,6 +53,16 @@ class Loops(NamedTuple):
     ok: Any  # (), whether the run stayed within `scenario.limit`
 
 
+def steady(loops: Loops) -> Any:
+    """At which instants (K,) a loop says something of the run: nothing is at a limit, jumps, or is not finite."""
+    middle = jnp.median(loops.effect, axis=-2, keepdims=True)
+    weak = jnp.any(loops.effect < FULL * middle, axis=-1)
+    usual = jnp.max(jnp.abs(loops.inputs), axis=-2, keepdims=True)
+    jumps = jnp.any(loops.change > JUMP * jnp.expand_dims(loops.period, (-1, -2)) * usual, axis=-1)
+    known = [jnp.isfinite(x).all(range(loops.t.ndim, x.ndim)) for x in (loops.A, loops.B, loops.C, loops.D)]
+    return functools.reduce(jnp.logical_and, known) & ~loops.limited & ~weak & ~jumps
+
+
 @pytree
 class _Cut(Element):
     """Delivers a value, whatever it is asked for."""
@@ -59,13 +73,14 @@ class _Cut(Element):
         return self.value
 
 
-def instants(controller: Law, timing: Timing, first: float, count: int) -> tuple[int, int, int]:
+def instants(controller: Law | Batch, timing: Timing, first: float, count: int) -> tuple[int, int, int]:
     """Steps in a control period, step of the first instant not before `first` [s], and steps from one to the next.
 
     Raises:
         ValueError: the run has not so many control instants after `first`.
     """
-    period, dt = controller.control_period(), float(timing.dt)
+    law: Law = controller.scenario if isinstance(controller, Batch) else controller
+    period, dt = law.control_period(), float(timing.dt)
     every = timing.control_every if period is None else max(1, round(float(period) / dt))
     periods, before = timing.n_steps // every, math.ceil(first / dt / every - 1e-9)
     for stride in range((periods - before) // count, 0, -1):  # the first instant is one of the others' kind
@@ -89,7 +104,7 @@ def longest_delay(scenario: Scenario | Batch) -> float:
 
 
 def linearised(
-    controller: Law, scenario: Scenario | Batch, *, timing: Timing, first: float = 0.0, count: int = 12
+    controller: Law | Batch, scenario: Scenario | Batch, *, timing: Timing, first: float = 0.0, count: int = 12
 ) -> Loops:
     """The loops of a run, or of a batch of runs, at `count` control instants from `first` [s] on.
 
@@ -103,22 +118,26 @@ def linearised(
 
     Raises:
         ValueError: there are not so many instants.
-    """
+    """  # a batch of laws and one of scenarios are of one size
     every, begin, stride = instants(controller, timing, first, count)
     slots = max(every, math.ceil(longest_delay(scenario) / float(timing.dt) - 1e-9) + 2)
     timing, steps = dataclasses.replace(timing, dt=float(timing.dt)), (every, begin, stride, count, slots)
-    return (_each if isinstance(scenario, Batch) else _linearised)(controller, scenario, steps, timing)
+    batched = isinstance(scenario, Batch) or isinstance(controller, Batch)
+    return (_each if batched else _linearised)(controller, scenario, steps, timing)
 
 
 Steps = tuple[int, int, int, int, int]  # in a period, to the first instant, to the next, instants, of a delay
 
 
 @functools.partial(jax.jit, static_argnames=("steps", "timing"))
-def _each(controller: Law, batch: Any, steps: Steps, timing: Timing) -> Loops:
-    def one(index: Array) -> Loops:
-        return _linearised(controller, batch[index], steps, timing)
+def _each(controller: Any, batch: Any, steps: Steps, timing: Timing) -> Loops:
+    size = next(x.size for x in (batch, controller) if isinstance(x, Batch))
 
-    return jax.lax.map(one, jnp.arange(batch.size), batch_size=TOGETHER)
+    def one(index: Array) -> Loops:
+        law, scenario = (x[index] if isinstance(x, Batch) else x for x in (controller, batch))
+        return _linearised(law, scenario, steps, timing)
+
+    return jax.lax.map(one, jnp.arange(size), batch_size=min(TOGETHER, size))
 
 
 @functools.partial(jax.jit, static_argnames=("steps", "timing"))

@@ -7,7 +7,7 @@ all channels is a property. A new metric is a field or a property here, a row in
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,8 @@ class Metric(NamedTuple):
         heading: whether it is there only where the heading can be commanded.
         delivered: whether it is there only with `Criteria.delivered`.
         route: whether it is there only where the path is a route.
+        loop: whether it is of the linearised loop, by `agvjax.margins.with_margins`.
+        large: whether large is good, so that its worst is the smallest.
         field: of `Metrics`, where that has another name.
         channel: which channel of the field; None of a field without channels.
     """
@@ -38,6 +40,8 @@ class Metric(NamedTuple):
     heading: bool = False
     delivered: bool = False
     route: bool = False
+    loop: bool = False
+    large: bool = False
     field: str = ""
     channel: int | None = None
 
@@ -86,6 +90,10 @@ METRICS: dict[str, Metric] = {
         Metric("jerk", "m/s^3", route=True),
         Metric("standstill", "share of the time", route=True),
         Metric("time_to_finish", "s", route=True),
+        Metric("gain_margin", "times", loop=True, large=True),
+        Metric("phase_margin", "rad", loop=True, large=True),
+        Metric("delay_margin", "s", loop=True, large=True),
+        Metric("sensitivity", "1", loop=True),
     )
 }
 
@@ -101,10 +109,13 @@ OLD_NAMES = {  # in files of earlier releases
 }
 
 
-def metrics_of(scenario: Scenario) -> tuple[str, ...]:
-    """The metrics that there are: none of the heading where a plant's cannot be commanded, of a route only on one."""
-    heading, route = scenario.plant.commands_heading, scenario.path.by_arc()
-    return tuple(n for n, row in METRICS.items() if (heading or not row.heading) and (route or not row.route))
+def metrics_of(scenario: Scenario, loop: bool = False) -> tuple[str, ...]:
+    """The metrics that there are: none of the heading where a plant's cannot be commanded, of a route only on one.
+
+    Those of the linearised loop only if asked for: a run alone does not have them.
+    """
+    there = {"heading": scenario.plant.commands_heading, "route": scenario.path.by_arc(), "loop": loop}
+    return tuple(n for n, row in METRICS.items() if all(there[k] or not getattr(row, k) for k in there))
 
 
 @pytree
@@ -126,6 +137,22 @@ class Followed:
     jerk: Float[Array, ""]  # m/s^3, root of the mean square, by differences from step to step
     standstill: Float[Array, ""]  # share of the time in which it stands although something is asked of it
     time_to_finish: Float[Array, ""]  # s, until it is within `Route.reached` of the end; infinite if never
+
+
+MOST, LONGEST = 100.0, 1.0  # a gain margin or a sensitivity, and a delay margin [s], that is larger counts as that
+
+
+@pytree
+class LoopMargins:
+    """The tightest of the linearised loop along a run, over its actuators; a batch adds leading axes.
+
+    0, and of the sensitivity `MOST`, where a loop is unstable or no instant could be looked at.
+    """
+
+    gain_margin: Any  # times, by which the gain of one actuator may grow; at most `MOST`
+    phase_margin: Any  # rad, at most pi
+    delay_margin: Any  # s, of more delay than there is; at most `LONGEST`
+    sensitivity: Any  # Ms, the largest |1 / (1 + L)|; at most `MOST`
 
 
 @pytree
@@ -154,6 +181,7 @@ class Metrics:
     reversals_delivered: Float[Array, " m"] | None = None  # how often its sign changed, what is 0 left out
     followed: Followed | None = None  # where the path is a route
     limited: Float[Array, ""] | None = None  # share of the time in which an actuator or the law was at its limit
+    loop: LoopMargins | None = None  # by `agvjax.margins.with_margins`
 
     def __getitem__(self, name: str) -> Float[Array, ""]:
         """The metric of a row of `METRICS`, by its name."""
@@ -162,6 +190,10 @@ class Metrics:
             if self.followed is None:
                 raise ValueError(f"{name} is of a route: make the path one, Route.along(path)")
             return getattr(self.followed, name)
+        if row.loop:
+            if self.loop is None:
+                raise ValueError(f"{name} is of the linearised loop: agvjax.margins.with_margins adds it")
+            return getattr(self.loop, name)
         values = getattr(self, row.field or name)
         if values is None:
             raise ValueError(f"{name} is of what actuators deliver: judge with Criteria(delivered=True)")
@@ -170,7 +202,7 @@ class Metrics:
     def names(self) -> tuple[str, ...]:
         """The metrics that it has numbers of."""
         heading, delivered, route = self.rmse.shape[-1] == 3, self.limited is not None, self.followed is not None
-        there = {"heading": heading, "delivered": delivered, "route": route}
+        there = {"heading": heading, "delivered": delivered, "route": route, "loop": self.loop is not None}
         return tuple(n for n, row in METRICS.items() if all(there[k] or not getattr(row, k) for k in there))
 
     @property

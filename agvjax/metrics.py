@@ -77,14 +77,16 @@ class Criteria(Meter):
     margin: float = number(1.0, "s", NONNEGATIVE, "a run outside the band this close to its end has not settled")
     smooth: bool = structure(False)  # also a settling time that has a slope
     delivered: bool = structure(False)  # also what the actuators delivered
+    loop: bool = structure(False)  # also margins of the linearised loop, by `agvjax.margins.with_margins`
+    instants: int = structure(12)  # at which that is linearised
 
     @classmethod
     def of(cls, names: Iterable[str], sloped: bool = False, like: Criteria | None = None) -> Criteria:
         """How runs must be judged to have these metrics, and if so asked slopes of all of them; else `like` others."""
         names = tuple(names)
         smooth = sloped and any("settling_time" in name for name in names)
-        delivered = any(METRICS[name].delivered for name in names)
-        return dataclasses.replace(cls() if like is None else like, smooth=smooth, delivered=delivered)
+        asked = {kind: any(getattr(METRICS[name], kind) for name in names) for kind in ("delivered", "loop")}
+        return dataclasses.replace(cls() if like is None else like, smooth=smooth, **asked)
 
     def weights(self, t: Array, left: Array, right: Array, end: Array) -> Weights:
         """Of the sample at `t`; `left` and `right` [s] to the next."""

@@ -96,12 +96,16 @@ class Weights:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Limit:
-    """What the statistics of a metric must not exceed, in multiples of the starting gains' or absolute."""
+    """What the statistics of a metric must not exceed, in multiples of the starting gains' or absolute.
 
-    mean: float = np.inf
+    With `least` what they must not fall below: the worst is the smallest, the cvar the mean of the smallest.
+    """
+
+    mean: float = np.inf  # infinite: none
     worst: float = np.inf
     cvar: float = np.inf
     absolute: bool = False
+    least: bool = False
 
 
 WHOLE_ERROR = {"total_rmse": Weights(mean=1.0, worst=0.3)}  # the goal of the preset paper-goal
@@ -282,7 +286,7 @@ class Config:
 
     def judged(self, **more: bool) -> agvjax.Criteria:
         """How runs are judged; `more` as in `agvjax.Criteria`."""
-        return agvjax.Criteria(**vars(self.criteria), **more)
+        return agvjax.Criteria(**vars(self.criteria), instants=self.margins.instants, **more)
 
     def timing(self, command: str = "simulate") -> agvjax.Timing:
         """How the runs of a command are stepped: "simulate", "tune" or "sweep".

@@ -82,7 +82,7 @@ def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) ->
     prices = [np.nan] * len(objective.goals) + paid.tolist()
     units = objective.units(reference)
     return [
-        Standing(r, float(level * unit), float(level), slope, price)
+        Standing(r, float(r.told(level, unit)), float(level), slope, price)
         for r, level, unit, slope, price in zip(objective.requirements, levels, units, relative, prices, strict=True)
     ]
 
@@ -95,7 +95,8 @@ def relative_slopes(tuner: Tuner, model: tuple[Any, ...], scale: np.ndarray) -> 
     values, ok, slopes = model
     level = jax.jit(lambda v: (tuner.objective.levels(v, jnp.asarray(ok), tuner.baseline),) * 2)
     weights, levels = (np.asarray(x) for x in jax.jit(jax.jacrev(level, has_aux=True))(jnp.asarray(values)))
-    return levels, np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.where(levels == 0, 1.0, levels)[:, None]
+    parts = levels - tuner.objective.turned  # of a limit from below minus its statistic, by its unit
+    return levels, np.einsum("rmb,kmb->rk", weights, slopes) * scale / np.where(parts == 0, 1.0, parts)[:, None]
 
 
 def identifiability(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> Identifiability:

@@ -35,11 +35,9 @@ def excesses(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray
     first = len(objective.goals)
     levels = np.asarray(objective.levels(*objective.values(metrics), baseline))[first:]
     bounds = objective.units(baseline)[first:]
-    return [
-        f"{r.name} is {level * bound:.5g}, {level - 1:.2%} above its limit {bound:.5g}"
-        for r, level, bound in zip(objective.limits, levels, bounds, strict=True)
-        if not level <= 1 + TOLERANCE
-    ]
+    over = [(r, x, b) for r, x, b in zip(objective.limits, levels, bounds, strict=True) if not x <= 1 + TOLERANCE]
+    sides = {False: "above", True: "below"}
+    return [f"{r.name} is {r.told(x, b):.5g}, {x - 1:.2%} {sides[r.least]} its limit {b:.5g}" for r, x, b in over]
 
 
 def unseen(
@@ -140,7 +138,8 @@ def worst_bounds(objective: Objective, baseline: np.ndarray) -> dict[str, float]
     """By metric the bound of its worst, of the metrics that have one."""
     first = len(objective.goals)
     bounds = objective.units(baseline)[first:]
-    return {r.metric: float(b) for r, b in zip(objective.limits, bounds, strict=True) if r.statistic == "worst"}
+    worst = [(r, b) for r, b in zip(objective.limits, bounds, strict=True) if r.statistic == "worst" and not r.least]
+    return {r.metric: float(b) for r, b in worst}
 
 
 def at_bounds(gains: Gains, controller: agvjax.Law) -> list[str]:

@@ -14,6 +14,8 @@ import jax
 import numpy as np
 
 import agvjax
+from agvjax.margins import with_margins
+from agvjax.metric_table import METRICS
 
 from ..compute import processes as distributed
 from ..config.settings import Config
@@ -26,9 +28,12 @@ TURNS = 3  # times that bounds are tightened, at most
 
 def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
     """Metrics at the step of `simulate`, which is finer than that of tuning."""
-    criteria = config.judged(smooth=True, delivered=True)
-    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **config.timing())
-    return jax.tree.map(np.asarray, distributed.gathered(evaluate)(agvjax.check(controller), batch))
+    loop = any(METRICS[name].loop for name in config.tune.limits)
+    criteria, timing = config.judged(smooth=True, delivered=True, loop=loop), config.timing()
+    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **timing)
+    law = agvjax.check(controller)
+    metrics = distributed.gathered(evaluate)(law, batch)
+    return jax.tree.map(np.asarray, with_margins(metrics, law, batch, timing=timing, criteria=criteria))
 
 
 def validation(config: Config) -> agvjax.Batch:
@@ -75,7 +80,9 @@ def tighter(
     if not np.any(over > 1 + TOLERANCE):
         return None
     old = np.ones(over.size) if factors is None else factors
-    return np.where(over > 1 + TOLERANCE, old * (1 - FEASIBLE) / over, old)
+    below = np.array([r.least for r in objective.limits])
+    factors = np.where(below, old * (over + FEASIBLE), old * (1 - FEASIBLE) / over)
+    return np.where(over > 1 + TOLERANCE, factors, old)
 
 
 def tightened(problem: TuningProblem, factors: np.ndarray | None) -> TuningProblem:
@@ -85,6 +92,6 @@ def tightened(problem: TuningProblem, factors: np.ndarray | None) -> TuningProbl
     tuner = problem.tuner
     limits = [r._replace(value=r.value * float(f)) for r, f in zip(tuner.objective.limits, factors, strict=True)]
     objective = tuner.objective._replace(limits=tuple(limits))
-    compiled = tuner.push if tuner.forward else None
+    compiled = tuner.pushed if tuner.forward else None
     tuner = dataclasses.replace(tuner, objective=objective, budget=tuner.baseline, compiled=compiled)
     return problem._replace(tuner=tuner)

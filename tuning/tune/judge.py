@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
+from agvjax.metric_table import METRICS
 
 from . import analysis, caveats
 from .analysis import Findings
@@ -142,7 +143,7 @@ def summary(metrics: agvjax.Metrics) -> Summary:
     none = not ok.any()
     return Summary(
         mean={name: np.inf if none else float(v.mean()) for name, v in kept.items()},
-        worst={name: np.inf if none else float(v.max()) for name, v in kept.items()},
+        worst={n: np.inf if none else float(v.min() if METRICS[n].large else v.max()) for n, v in kept.items()},
         latched=int((~ok).sum()),
         unsettled=int((~caveats.settled(metrics) & ok).sum()),
         size=ok.size,

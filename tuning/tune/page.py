@@ -74,7 +74,7 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
         f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient"
         " there was of use."
     )
-    smooth = _smooth_note(objective.names)
+    smooth = _smooth_note(objective.metrics)
     learned = "\n".join(f"* {line}" for line in tables.identifiability(verdict.findings))
     best = {r.metric: r.best for r in outcome.rounds if r.round == run.round}  # the ensemble lies in the box too
     worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
@@ -114,7 +114,8 @@ diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s
 
 {tables.standings(verdict.findings)}
 
-Level: of a goal relative to the starting gains, of a limit relative to its bound. Price: by how much the goal would
+Level: of a goal relative to the starting gains, of a limit relative to its bound b, of one from below 2 - value / b: a
+limit is met at 1 or less. Price: by how much the goal would
 fall if this limit alone were relaxed by 1 %. Under each gain: relative change of the requirement per relative change
 of the gain, at the tuned gains.
 
@@ -164,8 +165,8 @@ def shown(problem: TuningProblem) -> tuple[str, ...]:
     delivered = [] if type(plant) is agvjax.Decoupled else sorted(n for n, row in METRICS.items() if row.delivered)
     ends = ("time_to_finish",) if np.isfinite(scenario.path.end()) else ()
     usual = (*FOLLOWED_METRICS, *ends) if law.follows() else SHOWN
-    names = dict.fromkeys([*usual, *delivered, *problem.tuner.objective.names])
-    return tuple(name for name in names if name in metrics_of(scenario))
+    names = dict.fromkeys([*usual, *delivered, *problem.tuner.objective.metrics])
+    return tuple(name for name in names if name in metrics_of(scenario, loop=True))
 
 
 def _path(config: Any) -> str:

@@ -66,9 +66,9 @@ def front(
 def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
     """The problem with mean and worst of a metric limited to so many times the starting gains'; compiled parts kept."""
     moved = {r.statistic: r for r in within({metric: factor})}
-    limits = [moved.pop(r.statistic, r) if r.metric == metric else r for r in tuner.objective.limits]
+    limits = [moved.pop(r.statistic, r) if r.metric == metric and not r.least else r for r in tuner.objective.limits]
     objective = tuner.objective._replace(limits=(*limits, *moved.values()))
-    kept = tuner.push if objective.names == tuner.objective.names else None
+    kept = tuner.pushed if objective.names == tuner.objective.names else None
     return dataclasses.replace(tuner, objective=objective, compiled=kept)
 
 

@@ -68,7 +68,7 @@ def pose(config: Config) -> TuningProblem:
     )
     adversary = Adversary(
         rollout=tuner.values,
-        names=objective.names,
+        names=objective.of_runs().names,
         scenario=config.scenario,
         draws=ensemble.draws,
         metrics=metrics,
@@ -86,7 +86,7 @@ def requirements(settings: Tune, judged: agvjax.Criteria) -> Objective:
     weights = [(metric, s, getattr(w, s)) for metric, w in settings.goals.items() for s in STATISTICS]
     goals = [Requirement(*weight) for weight in weights if weight[2]]
     limits = [
-        Requirement(metric, s, getattr(limit, s), limit.absolute)
+        Requirement(metric, s, getattr(limit, s), limit.absolute, limit.least)
         for s in STATISTICS
         for metric, limit in settings.limits.items()
         if np.isfinite(getattr(limit, s))
@@ -95,8 +95,11 @@ def requirements(settings: Tune, judged: agvjax.Criteria) -> Objective:
 
 
 def searched(objective: Objective) -> tuple[str, ...]:
-    """The metrics whose worst case matters: those with a goal or limit on it, or else those of the goals."""
-    worst = [r.metric for r in objective.requirements if r.statistic == "worst"]
+    """The metrics whose worst case matters: those with a goal or limit on it, or else those of the goals.
+
+    Limits from below, and those on the linearised loop, are not among them: they are kept on the ensemble alone.
+    """
+    worst = [r.metric for r in objective.of_runs().requirements if r.statistic == "worst" and not r.least]
     return tuple(dict.fromkeys(worst or [r.metric for r in objective.goals]))
 
 
@@ -133,7 +136,7 @@ def with_added(problem: TuningProblem, added: Mapping[str, np.ndarray]) -> Tunin
     config, tuner = problem.config, problem.tuner
     own = sample(config.scenario, config.ensemble.draws, config.ensemble.size, config.seed)
     batch = batch_of(own, added, tuner.batch.size - own.size)
-    tuner = dataclasses.replace(tuner, batch=batch, compiled=tuner.push if tuner.forward else None)
+    tuner = dataclasses.replace(tuner, batch=batch, compiled=tuner.pushed if tuner.forward else None)
     return problem._replace(tuner=tuner)
 
 
@@ -144,5 +147,5 @@ def in_units_of(problem: TuningProblem, z: np.ndarray) -> TuningProblem:
     if tuner.budget is not None or np.array_equal(z, middle):
         return problem
     budget = tuner.objective.baseline(*tuner.judged(jax.numpy.asarray(z, middle.dtype)))
-    compiled = tuner.push if tuner.forward else None
+    compiled = tuner.pushed if tuner.forward else None
     return problem._replace(tuner=dataclasses.replace(tuner, budget=budget, compiled=compiled))

@@ -10,6 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax.leaves import element
+from agvjax.linear import instants
 from agvjax.metric_table import METRICS, metrics_of
 
 from ..config import ends, rules
@@ -97,19 +98,41 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
     if tune.search.rounds and not any(part.worst for part in asked):
         rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
         found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, rule))
-    known = metrics_of(config.scenario)
+    known = metrics_of(config.scenario, loop=True)
     for key, names in (("goals", tune.goals), ("limits", tune.limits)):
         found += [
             agvjax.Fault(f"tune.{key}.{name}", "asked for", f"absent: {_why_not(name)}")
             for name in names
             if name not in known
         ]
+    found += _margins(config)
     for name, limit in tune.limits.items():
         bad = {s: getattr(limit, s) for s in STATISTICS if not getattr(limit, s) >= LEAST_LIMIT}
         for statistic, value in bad.items():
             key = f"tune.limits.{name}" + ("" if len(bad) > 1 and len(set(bad.values())) == 1 else f".{statistic}")
             rule = f">= {LEAST_LIMIT:g}, a ratio to the starting gains or with absolute = true the value; inf for none"
             found.append(agvjax.Fault(key, value, rule))
+    return found
+
+
+def _margins(config: Config) -> list[agvjax.Fault]:
+    """Margins of the loop where they mean nothing, or of a run that is too short for them."""
+    tune, found = config.tune, []
+    rule = "no goal: how far a loop is from instability can be limited, in tune.limits"
+    found += [agvjax.Fault(f"tune.goals.{name}", "asked for", rule) for name in tune.goals if METRICS[name].loop]
+    asked = [name for name in tune.limits if METRICS[name].loop]
+    for name in asked:
+        if METRICS[name].large and not tune.limits[name].least:
+            found.append(agvjax.Fault(f"tune.limits.{name}.least", False, "true: a margin is to be large"))
+    if asked and tune.optimizer not in ("sqp", "cma"):
+        rule = f"sqp or cma: {asked[0]} is not of a run, and an optimiser of optax sees nothing else"
+        found.append(agvjax.Fault("tune.optimizer", tune.optimizer, rule))
+    if asked:
+        try:
+            instants(config.controller, config.timing("tune"), config.criteria.late, config.margins.instants)
+        except ValueError as error:
+            rule = f"fewer, or a longer simulate.horizon: {error}"
+            found.append(agvjax.Fault("margins.instants", config.margins.instants, rule))
     return found
 
 

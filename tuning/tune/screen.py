@@ -142,7 +142,8 @@ class Screen:
         self, points: np.ndarray, which: np.ndarray, tick: Callable[[int, int], None]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Metrics (N, M, B) and ok (N, B) of every set in some scenarios of the ensemble."""
-        roll, scenarios = self.compiled or self.tuner.roll, self.tuner.scenarios()
+        scenarios = self.tuner.scenarios()
+        roll = self.tuner.with_loops(self.compiled) if self.compiled else self.tuner.roll
         sets, runs = np.repeat(np.arange(len(points)), len(which)), np.tile(which, len(points))
         values, ok = [], []
         for i in range(0, len(sets), LANES):

@@ -44,7 +44,8 @@ def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
         if not (np.isfinite(old) and np.isfinite(new) and old > 0):
             continue
         change = new / old - 1
-        kind = "better" if change < -0.01 else "worse" if change > 0.01 else "within 1 % of what it was"
+        bad = -change if METRICS[name].large else change
+        kind = "better" if bad < -0.01 else "worse" if bad > 0.01 else "within 1 % of what it was"
         parts[kind].append(name if abs(change) <= 0.01 else f"{name} {change:+.0%}")
     told = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in parts.items() if names)
     return f"On average over the scenarios not tuned on, {told}." if told else ""
@@ -93,7 +94,7 @@ def standings(findings: Findings) -> str:
     """Where every requirement stands, and by how much a gain moves it."""
     rows = []
     for s in findings.standings:
-        kind = "limit" if s.limit else "goal"
+        kind = "goal" if not s.limit else "limit from below" if s.requirement.least else "limit"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
         value = f"{s.value:.5g} {METRICS[s.requirement.metric].unit}"

@@ -18,6 +18,7 @@ from agvjax.leaves import swap
 from ..compute.processes import gathered, joined
 from ..config.old import gathered_keywords
 from ..config.settings import Tune
+from . import loops
 from .gains import Gains
 from .methods import Method, method
 from .methods.method import Look, Model, Progress, Scenarios
@@ -61,21 +62,22 @@ class Tuner:
         return method(self.settings.optimizer)(self.settings, self.objective, self._cost_along)
 
     def values(self, z: Array, scenarios: Scenarios) -> tuple[Array, Array]:
-        """The metrics that matter of every scenario (M, B), and which runs are worth having (B,).
+        """The metrics of runs that matter of every scenario (M, B), and which runs are worth having (B,).
 
         `z` is (K,), or (B, K) where every scenario has gains of its own.
         """
         batch = agvjax.Batch(scenario=swap(self.batch.scenario, scenarios), names=self.batch.names)
+        objective = self.objective.of_runs()
         metrics = agvjax.evaluate(
             (self.gains.controllers if z.ndim == 2 else self.gains.controller)(z, self.controller),
             batch,
-            criteria=self.objective.criteria,
+            criteria=objective.criteria,
             dtype=z.dtype.type,
             block=BLOCK,
             devices=None if joined() else max(1, min(jax.local_device_count(), batch.size // LEAST)),
             **self.timing,
         )
-        return self.objective.values(metrics)
+        return objective.values(metrics)
 
     def jacobian(self, z: Array, scenarios: Scenarios) -> Model:
         """Values, ok and slopes (K, M, B) at z: one rollout carries all tangents, memory flat in the horizon."""
@@ -92,19 +94,49 @@ class Tuner:
         return {name: np.asarray(value) for name, value in self.batch.values.items()}
 
     @functools.cached_property
-    def push(self) -> Callable[[Array, Scenarios], Model]:
+    def pushed(self) -> Callable[[Array, Scenarios], Model]:
         """`jacobian`, jitted; what it returns is on one device, however many took part."""
         return self.compiled or _placeless(gathered(jax.jit(self.jacobian)))
 
     @functools.cached_property
+    def push(self) -> Callable[[Array, Scenarios], Model]:
+        """The same, with the columns of the linearised loop behind where there are limits on these."""
+        if not self.objective.loop:
+            return self.pushed
+        return lambda z, scenarios: loops.beside(self, self.pushed(z, scenarios), z, scenarios)
+
+    @functools.cached_property
     def push_all(self) -> Callable[[Array, Scenarios], Model]:
-        """`jacobian` at several points (S, K) in one batch."""
-        return _placeless(gathered(jax.jit(jax.vmap(self.jacobian, in_axes=(0, None)))))
+        """`push` at several points (S, K), runs in one batch."""
+        pushed = _placeless(gathered(jax.jit(jax.vmap(self.jacobian, in_axes=(0, None)))))
+        if not self.objective.loop:
+            return pushed
+
+        def beside(z: Array, scenarios: Scenarios) -> Model:
+            rows = zip(*pushed(z, scenarios), z, strict=True)
+            found = [loops.beside(self, (values, ok, slopes), at, scenarios) for values, ok, slopes, at in rows]
+            values, ok, slopes = (jnp.stack(x) for x in zip(*found, strict=True))
+            return values, ok, slopes
+
+        return beside
 
     @functools.cached_property
     def roll(self) -> Callable[[Array, Scenarios], tuple[Array, Array]]:
-        """`values`, jitted."""
-        return _placeless(gathered(jax.jit(self.values)))
+        """`values`, jitted, with the columns of the loop as in `push`."""
+        return self.with_loops(_placeless(gathered(jax.jit(self.values))))
+
+    def with_loops(
+        self, roll: Callable[[Array, Scenarios], tuple[Array, Array]]
+    ) -> Callable[[Array, Scenarios], tuple[Array, Array]]:
+        """What rolls runs out, with the columns of the loop behind where there are limits on these."""
+        if not self.objective.loop:
+            return roll
+
+        def beside(z: Array, scenarios: Scenarios) -> tuple[Array, Array]:
+            values, ok = roll(z, scenarios)
+            return jnp.concatenate([values, jnp.asarray(loops.values(self, z, scenarios), values.dtype)]), ok
+
+        return beside
 
     def judged(self, z: Array) -> tuple[Array, Array]:
         """Metrics (M, B) and ok (B,) of the ensemble at z, by what is compiled already."""

@@ -323,6 +323,31 @@ def test_excess_is_positive_only_where_a_limit_is_exceeded(limit, excess, cost):
     np.testing.assert_allclose([score.excess, score.cost], [excess, cost], rtol=1e-13, atol=1e-15)
 
 
+def test_a_limit_from_below_by_hand():
+    """Of v = (2, 4, -) with the bound 3: smallest 2, mean of those that hold out 3, and none above the bound."""
+
+    def levels(statistic, ok=(True, True), **of):
+        limits = (Requirement("effort", statistic, 3.0, absolute=True, least=True, **of),)
+        objective = Objective(GOALS[:1], limits, tail=0.75)
+        assert objective.names == ("total_rmse", "-effort")
+        metrics = {"total_rmse": jnp.ones(2), "effort": jnp.array([2.0, 4.0])}
+        values = jnp.stack([metrics["total_rmse"], -metrics["effort"]])
+        reference = objective.baseline(values, jnp.array([True, True]))
+        return float(objective.levels(values, jnp.array(ok), reference)[1])
+
+    np.testing.assert_allclose(levels("worst"), 2 - 2 / 3, rtol=1e-14)
+    np.testing.assert_allclose(levels("mean"), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(levels("cvar"), 2 - (2 + 4 * 0.5) / 1.5 / 3, rtol=1e-14)
+    # a diverged run counts as -10 times the bound, which is larger here than what the start has
+    np.testing.assert_allclose(levels("worst", (True, False)), 2 + 10, rtol=1e-14)
+    relative = Objective(GOALS[:1], (Requirement("effort", "worst", 0.8, least=True),))
+    values = jnp.array([[1.0, 1.0], [-2.0, -4.0]])
+    reference = relative.baseline(values, OK[:2])
+    np.testing.assert_allclose(relative.units(reference), [1.0, 0.8 * 2.0], rtol=1e-14)
+    np.testing.assert_allclose(relative.levels(values, OK[:2], reference)[1], 2 - 2 / 1.6, rtol=1e-14)
+    assert relative.requirements[1].told(2 - 2 / 1.6, 1.6) == pytest.approx(2.0, rel=1e-14)
+
+
 def test_without_limits_the_cost_is_the_goal():
     score = OBJECTIVE._replace(limits=()).score(VALUES[:1, :2], OK[:2], np.array([[2.0], [5.0], [5.0]]))
     assert score.excess <= 0

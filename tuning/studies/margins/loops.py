@@ -7,10 +7,9 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-SLOWEST = 0.3  # rad/s, from which on a loop is looked at: in more than 20 s the run itself changes it
-FREQUENCIES = 300  # up to half the sampling frequency
-GROWTH = 0.05  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
+from agvjax.linear import GROWTH, SLOWEST
 
+FREQUENCIES = 300  # up to half the sampling frequency
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
 

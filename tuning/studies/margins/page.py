@@ -9,15 +9,15 @@ import control
 import numpy as np
 
 import agvjax
-from agvjax.linear import input_names
+from agvjax.linear import JUMP, SLOWEST, input_names
 
 from ...config.settings import Config
 from ...io import files
 from ...io.pages import grid, html
 from ...io.pictures import write_figures
 from . import figures
-from .loops import SLOWEST, Margins
-from .study import JUMP, Found
+from .loops import Margins
+from .study import Found
 
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
 

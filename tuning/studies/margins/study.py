@@ -10,14 +10,11 @@ import numpy as np
 
 import agvjax
 from agvjax.leaves import get
-from agvjax.linear import Loops, linearised
+from agvjax.linear import Loops, linearised, steady
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
 from .loops import Margins, Matrices, growth, margins, spaces, whole
-
-FULL = 0.9  # of its usual effect on the state: with less an input is at a limit of the plant, such as an acceleration
-JUMP = 2.0  # 1/s, of the largest input: where what is asked for changes faster, a corner begins or ends
 
 
 class Found(NamedTuple):
@@ -59,11 +56,7 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
         [_at(matrices(loops, v, k), period, loops.turning[v, k]) for k in range(settings.instants)]
         for v in range(len(loops.t))
     ]
-    weak = np.any(loops.effect < FULL * np.median(loops.effect, axis=1, keepdims=True), axis=2)
-    usual = np.max(np.abs(loops.inputs), axis=(0, 1))
-    jumps = np.any(loops.change > JUMP * period * usual, axis=2)
-    unknown = np.array([[np.isnan(now[0].growth) for now in vehicle] for vehicle in found])
-    return Found(period, loops.t[0], found, loops.limited | weak | jumps | unknown, loops.ok, loops)
+    return Found(period, loops.t[0], found, ~np.asarray(steady(loops)), loops.ok, loops)
 
 
 def _vehicles(config: Config) -> agvjax.Batch:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 import agvjax
+from agvjax.metric_table import METRICS
 
 STATISTICS = ("mean", "worst", "cvar")
 TOLERANCE = 1e-3  # a limit counts as met up to a tenth of a percent
@@ -24,11 +25,26 @@ class Requirement(NamedTuple):
     statistic: str  # one of STATISTICS
     value: float
     absolute: bool = False  # of a limit: in the metric's own unit and not in multiples of the baseline
+    least: bool = False  # of a limit: to stay above `value`; the worst is the smallest then
 
     @property
     def name(self) -> str:
         """As tables and messages call it."""
         return f"{self.statistic} {self.metric}"
+
+    @property
+    def sign(self) -> float:
+        """Of the metric where the objective sums it up: what must not fall is turned over, so that large is bad."""
+        return -1.0 if self.least else 1.0
+
+    @property
+    def column(self) -> str:
+        """The metric, as the objective has it."""
+        return f"-{self.metric}" if self.least else self.metric
+
+    def told(self, level: float, unit: float) -> float:
+        """The statistic in the metric's unit, of a level and what levels are divided by."""
+        return (2 - level) * unit if self.least else level * unit
 
 
 def within(limits: Mapping[str, float], absolute: bool = False) -> tuple[Requirement, ...]:
@@ -50,8 +66,9 @@ class Objective(NamedTuple):
     """Minimise the goals, each times its weight, and keep the limits, over an ensemble.
 
     Goals are ratios to a `baseline`: the same statistic of the same metric with the starting gains, or of another law.
-    Limits are multiples of that baseline, or absolute. A run that diverged counts `latched` times the `scale` of each
-    metric and sends no gradient.
+    Limits are multiples of that baseline, or absolute. A limit from below, with the bound b on a metric v, has the
+    level 2 - v / b: 1 at its bound, as any other, and more beyond it. A run that diverged counts `latched` times the
+    `scale` of each metric and sends no gradient.
     """
 
     goals: tuple[Requirement, ...] = (Requirement("total_rmse", "mean", 1.0), Requirement("total_rmse", "worst", 0.3))
@@ -69,22 +86,37 @@ class Objective(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The metrics that matter."""
+        """The metrics that matter, those of the loop last; one that must not fall is turned over: "-" and its name."""
+        return tuple(dict.fromkeys(r.column for r in sorted(self.requirements, key=lambda r: METRICS[r.metric].loop)))
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """The same, by their names alone."""
         return tuple(dict.fromkeys(r.metric for r in self.requirements))
+
+    @property
+    def loop(self) -> bool:
+        """Whether there are limits on the linearised loop."""
+        return any(METRICS[r.metric].loop for r in self.limits)
+
+    def of_runs(self) -> Objective:
+        """Without the limits on the linearised loop."""
+        return self._replace(limits=tuple(r for r in self.limits if not METRICS[r.metric].loop))
 
     @property
     def criteria(self) -> agvjax.Criteria:
         """How runs must be judged for these metrics to have slopes."""
-        return agvjax.Criteria.of(self.names, sloped=True, like=self.judged)
+        return agvjax.Criteria.of(self.metrics, sloped=True, like=self.judged)
 
     @property
     def places(self) -> list[tuple[int, int]]:
         """Of every requirement: row of its statistic and column of its metric in a baseline."""
-        return [(STATISTICS.index(r.statistic), self.names.index(r.metric)) for r in self.requirements]
+        return [(STATISTICS.index(r.statistic), self.names.index(r.column)) for r in self.requirements]
 
     def values(self, metrics: agvjax.Metrics) -> tuple[Float[Array, "M B"], Bool[Array, " B"]]:
-        """The metrics that matter of every scenario, and which runs are worth having."""
-        return jnp.stack([metrics[name] for name in self.names]), metrics.ok
+        """The metrics that matter of every scenario, as `names` has them, and which runs are worth having."""
+        of = {r.column: r for r in self.requirements}
+        return jnp.stack([of[name].sign * metrics[of[name].metric] for name in self.names]), metrics.ok
 
     def shares(self, scenarios: int) -> np.ndarray:
         """Shares of the scenarios in means, of sum 1."""
@@ -114,9 +146,10 @@ class Objective(NamedTuple):
         sound = self._replace(weights=self.shares(kept.size)[kept])
         found = np.asarray(sound.statistics(jnp.asarray(values)[:, kept]))
         for requirement, place in zip(self.requirements, self.places, strict=True):
-            if not requirement.absolute and not found[place] > 0:
+            value = requirement.sign * found[place]
+            if not requirement.absolute and not value > 0:
                 raise RuntimeError(
-                    f"{requirement.name} is {found[place]:g} with the starting gains and cannot be their"
+                    f"{requirement.name} is {value:g} with the starting gains and cannot be their"
                     " multiple: choose another goal, or an absolute limit"
                 )
         return found
@@ -125,24 +158,31 @@ class Objective(NamedTuple):
         """What each requirement's statistic is divided by: a goal's baseline, a limit's bound."""
         table = np.asarray(baseline)
         bounds = [
-            r.value if r.absolute else r.value * table[p] for r, p in zip(self.requirements, self.places, strict=True)
+            r.value if r.absolute else r.value * r.sign * table[p]
+            for r, p in zip(self.requirements, self.places, strict=True)
         ]
         return np.array([*(table[p] for p in self.places[: len(self.goals)]), *bounds[len(self.goals) :]])
 
     def scale(self, baseline: Any) -> np.ndarray:
         """Of every metric (M,) the size that counts: the worst of the baseline or, if larger, a limit's bound."""
-        size = np.array(np.asarray(baseline)[1], float)
+        size = np.abs(np.array(np.asarray(baseline)[1], float))
         limits = slice(len(self.goals), None)
         for (_, metric), bound in zip(self.places[limits], self.units(baseline)[limits], strict=True):
             size[metric] = max(size[metric], bound)
         return size
+
+    @property
+    def turned(self) -> np.ndarray:
+        """What is added to a turned statistic by its unit to be a level (R,): 2 of a limit from below, or 0."""
+        return np.array([2.0 if r.least else 0.0 for r in self.requirements])
 
     def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], baseline: Any) -> Float[Array, " R"]:
         """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
         diverged = jnp.asarray(self.latched * self.scale(baseline), values.dtype)
         found = self.statistics(jnp.where(ok, values, diverged[:, None]))
         rows, columns = (list(x) for x in zip(*self.places, strict=True))
-        return found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(baseline), values.dtype)
+        shares = found[jnp.array(rows), jnp.array(columns)] / jnp.asarray(self.units(baseline), values.dtype)
+        return shares + jnp.asarray(self.turned, values.dtype)
 
     def score(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], baseline: Any) -> Score:
         """Cost and what it is made of."""

@@ -225,7 +225,7 @@ def solve(
     count, _, scenarios = slopes.shape
     diverged = objective.latched * objective.scale(reference)
     values, slopes = np.where(ok, values, diverged[:, None]), np.where(ok, slopes, 0.0)
-    units, shares = objective.units(reference), objective.shares(scenarios)
+    units, turned, shares = objective.units(reference), objective.turned, objective.shares(scenarios)
     goals, limits = len(objective.goals), len(objective.limits)
     tails = [i for i, r in enumerate(objective.requirements) if r.statistic == "cvar"]
     # unknowns: the change; a level per goal; an excess per limit; per tail its c and what lies above
@@ -234,7 +234,7 @@ def solve(
     rows, rooms = [], []  # rows @ unknowns <= rooms
     parts: list[tuple[int, int, np.ndarray]] = []  # of each block: requirement, first row, how rows weigh scenarios
     for i, (requirement, (_, m)) in enumerate(zip(objective.requirements, objective.places, strict=True)):
-        level, slope, weighs = values[m] / units[i], slopes[:, m].T / units[i], np.eye(scenarios)  # (B,), (B, K)
+        level, slope, weighs = values[m] / units[i] + turned[i], slopes[:, m].T / units[i], np.eye(scenarios)
         if requirement.statistic == "mean":
             level, slope, weighs = np.array([shares @ level]), (shares @ slope)[None], shares[None]
         bounded = block = np.zeros((len(level), width))

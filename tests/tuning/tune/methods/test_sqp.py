@@ -69,11 +69,14 @@ def test_it_learns_what_is_curved():
     assert looks < 80
 
 
+@pytest.mark.parametrize("least", [False, True])
 @pytest.mark.parametrize("statistic", ["mean", "worst", "cvar"])
-def test_its_model_is_the_linear_programme_that_scipy_solves(statistic):
+def test_its_model_is_the_linear_programme_that_scipy_solves(statistic, least):
     random = np.random.default_rng(3)
     values, slopes = 1 + random.random((2, 7)), random.normal(size=(3, 2, 7))
-    goals, limits = (Requirement("total_rmse", statistic, 2.0),), (Requirement("effort", statistic, 1.2),)
+    values[1] *= -1 if least else 1
+    bound = Requirement("effort", statistic, 1.7, True, True) if least else Requirement("effort", statistic, 1.2)
+    goals, limits = (Requirement("total_rmse", statistic, 2.0),), (bound,)
     objective, ok, ones = Objective(goals, limits, tail=0.3), np.ones(7, bool), np.ones((3, 2))
     found = sqp.solve((values, ok, slopes), objective, ones, radius=0.2)
 
