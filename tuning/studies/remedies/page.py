@@ -155,6 +155,6 @@ Each law is in `gains-REMEDY.toml`. Made by `{COMMAND}`, seed {config.seed}. agv
 
 def _matters(b1: float) -> str:
     return (
-        f"\nThe network matters at b1 = {b1:g} and below, where somewhere on the nominal run it adds more than k2 to the"
-        " gain of (41) (of the values that `agvjax reproduce` tries).\n"
+        f"\nThe network matters at b1 = {b1:g} and below, where somewhere on the nominal run it adds more than k2 to"
+        " the gain of (41) (of the values that `agvjax reproduce` tries).\n"
     )
