@@ -126,8 +126,8 @@ def mattering_b1(config: Config, law: agvjax.NeuroBackstepping) -> float | None:
 
 def _around(config: Config, law: agvjax.Law) -> agvjax.Law:
     """In the configured computer, if there is one."""
-    sampled = isinstance(config.controller, agvjax.Sampled)
-    return dataclasses.replace(config.controller, inner=law) if sampled else law
+    given = config.controller
+    return dataclasses.replace(given, inner=law) if isinstance(given, agvjax.Sampled) else law
 
 
 def _plain(config: Config, law: agvjax.Law, more: tuple[str, ...] = (), known: Mapping[str, Known] = {}) -> Remedy:
@@ -213,20 +213,20 @@ def period_of(config: Config) -> float:
 
 
 def usual_inputs(config: Config, law: agvjax.Law) -> np.ndarray:
-    """Of each actuator the RMS of what the nominal run sends to it without a remedy, at least twice its thresholds."""
+    """Of each actuator the RMS of what it delivers on the nominal run; at least twice its threshold."""
     scenario, made = agvjax.check(config.scenario), agvjax.check(_around(config, law))
     run: Callable[..., agvjax.Trajectory] = jax.jit(functools.partial(agvjax.simulate, **config.timing("tune")))
-    sent = jax.tree.map(np.asarray, run(made, scenario))
+    driven = jax.tree.map(np.asarray, run(made, scenario))
     zones, usual = deadzones(config), []
     for i, name in enumerate(config.scenario.plant.actuators):
         zone = zones.get(name, agvjax.Deadzone())
         least = 2 * max(float(jnp.max(jnp.asarray(x))) for x in (zone.threshold_right, zone.threshold_left))
-        usual.append(max(_delivered_rms(config, sent, i), least))
+        usual.append(max(_delivered_rms(config, driven, i), least))
     return np.array(usual)
 
 
 def _delivered_rms(config: Config, run: agvjax.Trajectory, place: int) -> float:
-    """RMS of what one actuator delivers; NaN-free also where the run diverges."""
+    """RMS of what one actuator delivers; 0 where that is not finite."""
     plant = config.scenario.plant
     columns = [len(plant.parts(name)) for name in plant.actuators]
     first = sum(columns[:place])
