@@ -29,7 +29,7 @@ COMMAND = "agvjax compare --deadzone"
 def table(made: list[Json]) -> str:
     """The comparison as a table; own gains and tuned ones with a bar between."""
     header = ["remedy", "mean error, 10^-3", "worst", "variation delivered", "reversals"]
-    header += ["mean error with noise", "worst", "reversals", "diverged", "with noise", "gains"]
+    header += ["mean error with noise", "worst", "reversals", "diverged", "with noise", "gains", "budget used"]
     lines = []
     for row in made:
         cells: list[object] = [LABELS[row["remedy"]] + ("" if row["met"] else " (budget not met)")]
@@ -45,7 +45,7 @@ def table(made: list[Json]) -> str:
             ("diverged", "_noise", 1),
         ):
             cells.append(" / ".join(f"{factor * row[f'{key}_{when}{noise}']:.4g}" for when in ("before", "after")))
-        lines.append([*cells, row["gains"]])
+        lines.append([*cells, row["gains"], f"{row['use']:.2f}"])
     return grid(header, lines)
 
 
@@ -61,7 +61,7 @@ def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figur
         axes.bar(places, heights, 0.25, color=color, hatch=hatch, edgecolor="k", linewidth=0.6, label=label)
         axes.vlines(places, heights, worst[shown], color="k", linewidth=0.8)
     axes.set_xticks(np.arange(len(made)), [LABELS[row["remedy"]] for row in made], rotation=25, ha="right", fontsize=8)
-    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
+    axes.set(ylim=(0, None), ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
     axes.grid(visible=False, axis="x", which="both")
     axes.legend(fontsize=8)
     return drawn
@@ -116,9 +116,9 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
 {table(made)}
 
 Own gains / tuned, {metric} [10^-3 {METRICS[metric].unit}], on {sizes.validation_size} vehicles that none was tuned on;
-over the runs that did not diverge. Every remedy was tuned by the same tuner on the same {sizes.size} vehicles, {when},
-for the same goal and within the same limits; searches begin at the remedy's own gains and at the best of
-{config.tune.screen} gain sets looked at. Noise: {sensor}.
+over the runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the
+same tuner on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at
+the remedy's own gains and at the best of {config.tune.screen} gain sets looked at. Noise: {sensor}.
 
 {image("remedies")}
 

@@ -41,6 +41,7 @@ class Judged(NamedTuple):
     over: list[str]  # limits that are exceeded there, each with by how much
     before: tuple[agvjax.Metrics, agvjax.Metrics]
     after: tuple[agvjax.Metrics, agvjax.Metrics]
+    use: float  # of the limits there the largest share, 1 at its bound
 
 
 class Study:
@@ -127,8 +128,10 @@ class Study:
         found = search(problem, self.budget, PLACES, f"known: {sorted(known)}" if known else "")
         before, after = self.judge(remedy.law, known), self.judge(found.controller, known)
         objective = problem.tuner.objective._replace(weights=None)
-        over = excesses(objective, after[self.tuned_with_noise], self.unseen_budget)
-        return Judged(remedy, found, over, before, after)
+        metrics = after[self.tuned_with_noise]
+        levels = objective.levels(*objective.values(metrics), self.unseen_budget)[len(objective.goals) :]
+        over = excesses(objective, metrics, self.unseen_budget)
+        return Judged(remedy, found, over, before, after, float(np.max(levels)))
 
     def mistaken(self, identified: Judged) -> dict[str, agvjax.Metrics]:
         """The inverse that was tuned with each vehicle's own belief, its thresholds then believed wrong; no noise."""

@@ -40,7 +40,12 @@ def rows(judged: Mapping[str, Judged], metric: str) -> list[Json]:
     made = []
     for name, one in judged.items():
         row: Json = {"remedy": name, "gains": len(one.found.gains), "met": one.found.excess == 0}
-        row |= {"excess": float(one.found.excess), "over": "; ".join(one.over), "jacobians": one.found.jacobians}
+        row |= {
+            "excess": float(one.found.excess),
+            "use": one.use,
+            "over": "; ".join(one.over),
+            "jacobians": one.found.jacobians,
+        }
         row |= {"searches": one.found.searches, "rollouts": one.found.rollouts}
         for when, pair in (("before", one.before), ("after", one.after)):
             for noise, metrics in zip(("", "_noise"), pair, strict=True):
@@ -85,9 +90,9 @@ def statements(
         said += _beliefs(by, wrong, metric)
     said.append(_noise(sound, by))
     if lost := [LABELS[row["remedy"]] for row in made if not row["met"]]:
-        said.append(f"The budget is not met on the vehicles tuned on by: {', '.join(lost)}.")
+        said.append(f"The budget is not met on the vehicles tuned on by: {'; '.join(lost)}.")
     if over := [LABELS[row["remedy"]] for row in made if row["over"] and row["met"]]:
-        said.append(f"Met there but not on those judged: {', '.join(over)}; the table has by how much.")
+        said.append(f"Met there but not on those judged: {'; '.join(over)}; the report says by how much.")
     counts = [f"{LABELS[r['remedy']]} {r['diverged_after']}, {r['diverged_after_noise']} with noise" for r in made]
     counts = [c for c, r in zip(counts, made, strict=True) if r["diverged_after"] or r["diverged_after_noise"]]
     return [*said, f"Diverged runs after tuning: {'; '.join(counts) or 'none'}."]
@@ -104,6 +109,10 @@ def _best(sound: list[Json], judged: Mapping[str, Judged], by: Mapping[str, Json
         f" of none (tuned as well); it is smaller on {gap.better:.0%} of the vehicles, its worst is"
         f" {first['worst_after'] / nothing['worst_after']:.2f} times."
     )
+    text += (
+        f" On these vehicles it uses up to {first['use']:.2f} times a limit, none {nothing['use']:.2f}: a lead that is"
+        " smaller than what it uses more may be bought."
+    )
     return text if gap.sure else f"{text} The mean difference is within {SURE:g} standard errors: it may be chance."
 
 
@@ -118,21 +127,21 @@ def _alike(sound: list[Json], judged: Mapping[str, Judged], metric: str) -> list
             and not difference(judged[row["remedy"]].after[0], judged[target].after[0], metric).sure
         ]
         if alike and (target != best or best != "nothing"):
-            said.append(f"Not told from {words} by {SURE:g} standard errors: {', '.join(alike)}.")
+            said.append(f"Not told from {words} by {SURE:g} standard errors: {'; '.join(alike)}.")
     nothing = judged["nothing"].after[0]
     worse = [
-        f"{LABELS[row['remedy']]} {row['mean_after'] / float(np.mean(np.asarray(nothing[metric])[nothing.ok])):.2f}"
+        f"{LABELS[row['remedy']]} {row['mean_after'] / float(np.mean(np.asarray(nothing[metric])[nothing.ok])):.3f}"
         for row in sound
         if (gap := difference(judged[row["remedy"]].after[0], nothing, metric)).sure and gap.mean < 0
     ]
-    return [*said, *([f"Worse than none, times its mean error: {', '.join(worse)}."] if worse else [])]
+    return [*said, *([f"Worse than none, times its mean error: {'; '.join(worse)}."] if worse else [])]
 
 
 def _beliefs(by: Mapping[str, Json], wrong: Mapping[str, agvjax.Metrics], metric: str) -> list[str]:
     """What it costs to believe wrongly, tuned with the wrong belief, and mistaken after tuning with the right one."""
     right, said = by["identified"]["mean_after"], []
     names = [name for name in ("nominal", "fitted", "too_large", "too_small", "adaptive") if name in by]
-    ratios = ", ".join(f"{LABELS[n]} {by[n]['mean_after'] / right:.2f}" for n in names)
+    ratios = "; ".join(f"{LABELS[n]} {by[n]['mean_after'] / right:.2f}" for n in names)
     said.append(f"Beside an inverse that knows each vehicle, by the mean error, each tuned as it is: {ratios}.")
     parts = []
     for name, metrics in wrong.items():

@@ -164,17 +164,17 @@ def measured(distances, ok=None):
     return agvjax.Metrics(**(fields | {"ok": np.ones(size, bool) if ok is None else np.array(ok), "followed": route}))
 
 
-def made(after, noisy=None, excess=0.0, over=(), ok=None):
+def made(after, noisy=None, excess=0.0, over=(), ok=None, use=1.0):
     remedy = remedies.Remedy(agvjax.PathPID(), ("k_y",))
     found = Found(agvjax.PathPID(), ("k_y",), excess, 3, 40, 400)
     pair = (measured(after, ok), measured(after if noisy is None else noisy, ok))
-    return Judged(remedy, found, list(over), (measured([0.1] * 4), measured([0.1] * 4)), pair)
+    return Judged(remedy, found, list(over), (measured([0.1] * 4), measured([0.1] * 4)), pair, use)
 
 
 def test_the_conclusion_is_that_of_numbers_known_by_hand():
     judged = {
         "nothing": made([0.010, 0.012, 0.014, 0.016]),
-        "identified": made([0.005, 0.006, 0.007, 0.008], noisy=[0.02] * 4),
+        "identified": made([0.005, 0.006, 0.007, 0.008], noisy=[0.02] * 4, use=1.21),
         "nominal": made([0.0101, 0.0118, 0.0141, 0.0159]),
         "too_large": made([0.02, 0.03, 0.02, 0.03], over=["mean pace is 2, 1% above its limit 1.98"]),
         "too_small": made([0.001] * 4, excess=0.2),
@@ -185,9 +185,10 @@ def test_the_conclusion_is_that_of_numbers_known_by_hand():
     assert (lines[1]["variation_after"], lines[1]["reversals_after"]) == (8.0, 6.0)
     said = " ".join(words.statements(lines, judged, wrong, "cross_track_late"))
     first = f"smallest mean error is that of: {LABELS['identified']}, 0.50 times that of none (tuned as well)"
+    assert "it uses up to 1.21 times a limit, none 1.00" in said
     assert first in said and "smaller on 100% of the vehicles, its worst is 0.50 times" in said
     assert f"Not told from none by 2 standard errors: {LABELS['nominal']}." in said
-    assert f"Worse than none, times its mean error: {LABELS['too_large']} 1.92." in said
+    assert f"Worse than none, times its mean error: {LABELS['too_large']} 1.923." in said
     assert "thresholds then believed: 1.5 times 2.00; 0.5 times 1.00, 1 diverge times its error." in said
     assert f"With noise the smallest mean error is that of: {LABELS['nominal']}, 1.00 times that of none" in said
     assert f"not met on the vehicles tuned on by: {LABELS['too_small']}." in said
