@@ -115,7 +115,7 @@ class AdaptiveInverse(Inverse):
         """By actuator the deadzone that is believed in now."""
         found, usual = {}, self._usual(memory.wanted)
         for name, x in memory.beliefs.items():
-            s = jnp.maximum(usual[name] - x[2:] / x[:2], 0)
+            s = jnp.maximum(usual[name][None] - x[2:] / x[:2], 0)
             found[name] = Deadzone(slope_right=x[0], slope_left=x[1], threshold_right=s[0], threshold_left=s[1])
         return found
 
@@ -164,7 +164,7 @@ class AdaptiveInverse(Inverse):
 
     def _usual(self, inputs: Inputs) -> dict[str, Array]:
         usual = jnp.asarray(self.usual)
-        return {name: usual[i] for i, name in enumerate(inputs)}
+        return {name: usual[i] + jnp.zeros_like(d) for i, (name, d) in enumerate(inputs.items())}
 
     def _first(self, wanted: Inputs) -> dict[str, Array]:
         """Beliefs at first."""
@@ -186,7 +186,7 @@ def _slopes(along: Callable[[dict[str, Array]], Array], at: dict[str, Array], na
 
 def _of(x: Array, usual: Array, u: Array) -> Array:
     """What is delivered of an input by these beliefs."""
-    right, left = jnp.maximum(x[:2] * (jnp.stack([u, -u]) - usual) + x[2:], 0)
+    right, left = jnp.maximum(x[:2] * (jnp.stack([u, -u]) - usual[None]) + x[2:], 0)
     return jnp.where(u > 0, right, -left)
 
 

@@ -11,8 +11,11 @@ from ..config import Config
 from ..config.complete import by_whole_error
 from ..studies.laws import followers, followers_page, page, study
 from ..studies.paper import cases
+from ..studies.remedies import page as remedies_page
+from ..studies.remedies import rules as remedies_rules
+from ..studies.remedies import study as remedies_study
 from ..tune.rules import faults, moving
-from .console import Console
+from .console import Console, failing
 from .folders import new_folder
 from .prepare import configure
 
@@ -20,11 +23,14 @@ from .prepare import configure
 def run(arguments: argparse.Namespace) -> int:
     """Tune every law to one command budget; write table, figure and report.
 
-    Of a configuration whose law follows a route these are the laws that drive a base, of any other those of the paper.
+    Of a configuration whose law follows a route these are the laws that drive a base, of any other those of the paper;
+    with `--deadzone` the configured law with each remedy against a deadzone.
     """
     config, console = configure(arguments, faults, moving=moving)
     routed = config.controller.follows()
     config = config if routed else by_whole_error(config)
+    if arguments.deadzone:
+        return _remedies(arguments, console, config)
     if bad := followers.faults(config) if routed else cases.faults(config.controller, config.scenario):
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)
@@ -43,3 +49,17 @@ def _followers(console: Console, config: Config, out: Path) -> str:
     with console.parts(len(followers.laws(config)) + 1, "law", (RuntimeError, ValueError)) as tick:
         comparison, tuned = followers.compare(config, tick)
     return followers_page.write(comparison, tuned, out)
+
+
+def _remedies(arguments: argparse.Namespace, console: Console, config: Config) -> int:
+    if bad := remedies_rules.faults(config):
+        raise InputError(bad)
+    with failing((RuntimeError, ValueError)):
+        asked = remedies_study.Study(config)
+        count = len(asked.remedies.found)
+    out = new_folder(arguments.out, arguments.command, config)
+    with console.parts(count + 2, "remedy", (RuntimeError, ValueError)) as tick:
+        tuned, wrong = remedies_study.compare(asked, tick)
+    text = remedies_page.write(asked, tuned, wrong, out)
+    console.say(text, f"written to {out}; begin with {out}/report.html")
+    return 0

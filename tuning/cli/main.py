@@ -133,6 +133,10 @@ EXPORT = Command(
         _option("--name", help="of files, functions and package (default: one for each format)"),
     ),
 )
+COMPARE = Command(
+    "tune every law to the same command budget and judge it on unseen scenarios",
+    (_flag("--deadzone", "the remedies against the deadzone instead: network, slopes, observer, inverses"),),
+)
 COMMANDS = {
     "simulate": SIMULATE,
     "tune": TUNE,
@@ -144,7 +148,7 @@ COMMANDS = {
     ),
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
     "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
-    "compare": Command("tune every law to the same command budget and judge it on unseen scenarios"),
+    "compare": COMPARE,
     "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
     "identify": IDENTIFY,
     "export": EXPORT,

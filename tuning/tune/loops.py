@@ -47,9 +47,9 @@ def beside(tuner: Tuner, model: Model, z: Array, scenarios: Scenarios) -> Model:
 
 
 def _loops(tuner: Tuner, z: Any, scenarios: Scenarios) -> Loops:
-    controllers = tuner.gains.controllers if np.ndim(z) == 2 else tuner.gains.controller
-    law, judged = controllers(z, tuner.controller), tuner.objective.judged
-    batch = agvjax.Batch(scenario=swap(tuner.batch.scenario, scenarios), names=tuner.batch.names)
+    judged, varied = tuner.objective.judged, {name: scenarios[name] for name in tuner.batch.names}
+    batch = agvjax.Batch(scenario=swap(tuner.batch.scenario, varied), names=tuner.batch.names)
+    law = tuner.law_at(z, scenarios)
     return linearised(law, batch, timing=tuner.timing, first=float(judged.late), count=judged.instants)
 
 

@@ -66,10 +66,11 @@ class Tuner:
 
         `z` is (K,), or (B, K) where every scenario has gains of its own.
         """
-        batch = agvjax.Batch(scenario=swap(self.batch.scenario, scenarios), names=self.batch.names)
+        varied = {name: scenarios[name] for name in self.batch.names}
+        batch = agvjax.Batch(scenario=swap(self.batch.scenario, varied), names=self.batch.names)
         objective = self.objective.of_runs()
         metrics = agvjax.evaluate(
-            (self.gains.controllers if z.ndim == 2 else self.gains.controller)(z, self.controller),
+            self.law_at(z, scenarios),
             batch,
             criteria=objective.criteria,
             dtype=z.dtype.type,
@@ -78,6 +79,10 @@ class Tuner:
             **self.timing,
         )
         return objective.values(metrics)
+
+    def law_at(self, z: Array, scenarios: Scenarios) -> agvjax.Law | agvjax.Batch:
+        """The law at z (K,), or the laws at z (B, K), one for each scenario."""
+        return (self.gains.controllers if z.ndim == 2 else self.gains.controller)(z, self.controller)
 
     def jacobian(self, z: Array, scenarios: Scenarios) -> Model:
         """Values, ok and slopes (K, M, B) at z: one rollout carries all tangents, memory flat in the horizon."""

@@ -10,6 +10,7 @@ import pytest
 
 import agvjax
 from agvjax import AdaptiveInverse, Base, Chain, Command, Deadzone, Delay, Line, Measurement, Noise, Sampled, Scenario
+from agvjax.controllers.replay import stepped
 from agvjax.engine.rollout import Meter, Rollout
 from tuning.config import load
 
@@ -221,3 +222,33 @@ def test_a_file_says_it():
     assert found.believed == config.scenario.deadzone
     assert "compensation.rate" in config.controller.gains_to_tune()
     assert config.controller.upper_bounds(lambda poles: True)["compensation.rate"] == 2.0
+
+
+@pytest.mark.parametrize("more, moved", [(0.0, 0.0), (0.2, -1.0)])
+def test_an_actuator_of_two_inputs_learns_each_axis(more, moved):
+    """The paper's plant, whose position channel has x and y; a threshold larger than believed lowers q on its side."""
+    plant = agvjax.Decoupled()
+    believed = plant.deadzones()
+    zone = believed["position"]
+    true = {**believed, "position": dataclasses.replace(zone, threshold_right=zone.threshold_right + more)}
+    inverse = agvjax.AdaptiveInverse(believed=believed, usual=np.array([3.0, 2.0]))
+    start = agvjax.Start(position=np.zeros(2), velocity=np.array([0.3, -0.2]), heading=0.1)
+    state, period = plant.start(jax.tree.map(jnp.asarray, start)), 0.01
+    wanted = {"position": jnp.array([2.0, -1.5]), "heading": jnp.array(1.0)}
+    nothing = {"position": jnp.zeros(2), "heading": jnp.zeros(())}
+    memory = inverse.hold(wanted, plant.output(state, nothing))
+    first = memory.beliefs["position"]
+    for _ in range(3):
+        memory = inverse.learnt(memory, plant, plant.output(state, nothing), period)
+        sent, memory = inverse.sent(memory, wanted, period)
+        memory = inverse.remembering(memory, sent)
+        delivered = {name: true[name](u) for name, u in sent.items()}
+        plain = agvjax.Inverse(believed=believed).inverted(wanted)
+        if not more:
+            np.testing.assert_allclose(sent["position"], plain["position"], rtol=1e-9)
+        state = stepped(plant, state, delivered, period)
+        nothing = delivered
+    change = np.asarray(memory.beliefs["position"] - first)
+    assert first.shape == (4, 2)
+    assert np.sign(np.round(change[2, 0], 9)) == moved  # x was asked to the right, y to the left
+    assert abs(change[3, 1]) <= 0.01 * abs(change[2, 0])  # y is told right; a little comes over by the turned velocity

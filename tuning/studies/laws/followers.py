@@ -35,6 +35,17 @@ LABELS = {
 }
 
 
+class Found(NamedTuple):
+    """What searches found; the fields are those of `Tuned`."""
+
+    controller: agvjax.Law
+    gains: tuple[str, ...]
+    excess: float
+    searches: int
+    jacobians: int
+    rollouts: int
+
+
 class Tuned(NamedTuple):
     """One law before and after."""
 
@@ -113,31 +124,44 @@ class Comparison:
     def tune(self, law: agvjax.Law) -> Tuned:
         """The best of a look at many gain sets and of searches from the law's own and the best of those."""
         problem = self.posed(law)
-        tuner = dataclasses.replace(problem.tuner, budget=self.budget)
-        settings = dump(dataclasses.replace(problem.config, seed=0))
-        z = tuner.gains.coordinates(tuner.controller)
-        if tuner.forward:
-            tuner = dataclasses.replace(tuner, compiled=traced(tuner.jacobian, settings, z, tuner.scenarios()))
-        places, best, rollouts = [z], ((np.inf, np.inf), z), 0
-        if problem.screen is not None:
-            screen = dataclasses.replace(problem.screen, tuner=tuner)
-            compiled = traced(tuner.values, settings + "screen", *screen.example())
-            seen = dataclasses.replace(screen, compiled=compiled).look()
-            excess, goal = (float(x) for x in seen.ranks[0])
-            best, rollouts = ((excess, goal), jax.numpy.asarray(seen.places[0])), seen.rollouts
-            places += [jax.numpy.asarray(place) for place in seen.apart(PLACES)]
-        jacobians = 0
-        for place in places:
-            progress = tuner.begin(place)
-            while not tuner.finished(progress):
-                progress = tuner.advance(progress)
-            jacobians, rollouts = jacobians + progress.iteration, rollouts + progress.rollouts
-            best = min(best, (progress.best, progress.best_z), key=lambda found: found[0])
-        found, unseen = tuner.gains.controller(best[1], tuner.controller), validation(self.config)
-        before, after = (judged(self.config, one, unseen) for one in (law, found))
-        over = excesses(tuner.objective._replace(weights=None), after, self.unseen_budget)
-        names, searches = tuner.gains.names, len(places)
-        return Tuned(law, found, names, best[0][0], searches, jacobians, rollouts, over, before, after)
+        found, objective = search(problem, self.budget, PLACES), problem.tuner.objective._replace(weights=None)
+        unseen = validation(self.config)
+        before, after = (judged(self.config, one, unseen) for one in (law, found.controller))
+        over = excesses(objective, after, self.unseen_budget)
+        return Tuned(law, *found, over, before, after)
+
+
+def search(problem: TuningProblem, budget: np.ndarray, places: int, key: str = "") -> Found:
+    """The best of a look at many gain sets and of searches from the law's own and so many of the best of those.
+
+    Args:
+        problem: whose goals and limits are multiples of `budget`.
+        budget: (3, M), statistics of goals and limits.
+        places: to search from besides the law's own gains.
+        key: what of the tuner's runs its configuration does not say.
+    """
+    tuner = dataclasses.replace(problem.tuner, budget=budget)
+    settings = dump(dataclasses.replace(problem.config, seed=0)) + key
+    z = tuner.gains.coordinates(tuner.controller)
+    if tuner.forward:
+        tuner = dataclasses.replace(tuner, compiled=traced(tuner.jacobian, settings, z, tuner.scenarios()))
+    begun, best, rollouts = [z], ((np.inf, np.inf), z), 0
+    if problem.screen is not None:
+        screen = dataclasses.replace(problem.screen, tuner=tuner)
+        compiled = traced(tuner.values, settings + "screen", *screen.example())
+        seen = dataclasses.replace(screen, compiled=compiled).look()
+        excess, goal = (float(x) for x in seen.ranks[0])
+        best, rollouts = ((excess, goal), jax.numpy.asarray(seen.places[0])), seen.rollouts
+        begun += [jax.numpy.asarray(place) for place in seen.apart(places)]
+    jacobians = 0
+    for place in begun:
+        progress = tuner.begin(place)
+        while not tuner.finished(progress):
+            progress = tuner.advance(progress)
+        jacobians, rollouts = jacobians + progress.iteration, rollouts + progress.rollouts
+        best = min(best, (progress.best, progress.best_z), key=lambda found: found[0])
+    law = tuner.gains.controller(best[1], tuner.controller)
+    return Found(law, tuner.gains.names, best[0][0], len(begun), jacobians, rollouts)
 
 
 def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:

@@ -47,17 +47,23 @@ def network(judged: Judged, groups: Mapping[str, Mapping[str, cases.Case]]) -> l
 
 def _network_row(run: Run, controller: agvjax.NeuroBackstepping) -> dict[str, float]:
     trajectory, metrics = run
+    gains = network_gains(trajectory, seen(trajectory), controller)
+    rmse = metrics["0.05"].rmse
+    named = {"gain_position": gains[0], "gain_heading": gains[1]}
+    return named | {f"rmse_{c}": float(rmse[i]) for i, c in enumerate(CHANNELS)}
+
+
+def network_gains(trajectory: agvjax.Trajectory, measured: Any, controller: agvjax.NeuroBackstepping) -> list[float]:
+    """Largest gain along a run [1/s] that the network adds to k2 in (41), and to k3 in (63)."""
     norms = np.asarray(trajectory.weight_norm)
-    shares = jax.vmap(controller.shares)(jax.tree.map(jnp.asarray, seen(trajectory)))
+    shares = jax.vmap(controller.shares)(jax.tree.map(jnp.asarray, measured))
     gains = []
     for i, (belief, columns) in enumerate(((controller.Pi_hat, slice(0, 2)), (controller.Pi_psi_hat, slice(2, 3)))):
         slope = np.asarray(belief)
         if isinstance(belief, agvjax.readings.KnownSlopes):
             slope = np.where(np.asarray(trajectory.command)[:, columns] > 0, belief.right, belief.left)
         gains.append(float(np.max((norms[:, i] * np.asarray(shares[i]))[:, None] / slope)))
-    rmse = metrics["0.05"].rmse
-    named = {"gain_position": gains[0], "gain_heading": gains[1]}
-    return named | {f"rmse_{c}": float(rmse[i]) for i, c in enumerate(CHANNELS)}
+    return gains
 
 
 def bandwidth(judged: Judged) -> list[Json]:

@@ -1,0 +1,1 @@
+"""Which remedy against a deadzone is worth what?"""

@@ -1,0 +1,160 @@
+"""What the comparison of remedies found: table, figure, page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import agvjax
+from agvjax.metric_table import METRICS
+
+from ...config import gains_table
+from ...io import files
+from ...io.files import Json
+from ...io.pages import grid, html
+from ...io.panels import panels
+from ...io.pictures import write_figures
+from ...tune.gains import value_of
+from ..captions import caption, image
+from .remedies import LABELS
+from .study import Judged, Study
+from .words import metric_of, rows, statements
+
+COMMAND = "agvjax compare --deadzone"
+
+
+def table(made: list[Json]) -> str:
+    """The comparison as a table; own gains and tuned ones with a bar between."""
+    header = ["remedy", "mean error, 10^-3", "worst", "variation delivered", "reversals"]
+    header += ["mean error with noise", "worst", "reversals", "diverged", "with noise", "gains", "budget used"]
+    lines = []
+    for row in made:
+        cells: list[object] = [LABELS[row["remedy"]] + ("" if row["met"] else " (budget not met)")]
+        for key, noise, factor in (
+            ("mean", "", 1e3),
+            ("worst", "", 1e3),
+            ("variation", "", 1),
+            ("reversals", "", 1),
+            ("mean", "_noise", 1e3),
+            ("worst", "_noise", 1e3),
+            ("reversals", "_noise", 1),
+            ("diverged", "", 1),
+            ("diverged", "_noise", 1),
+        ):
+            cells.append(" / ".join(f"{factor * row[f'{key}_{when}{noise}']:.4g}" for when in ("before", "after")))
+        lines.append([*cells, row["gains"], f"{row['use']:.2f}"])
+    return grid(header, lines)
+
+
+def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figure:
+    """Mean error of every remedy, own gains and tuned, and tuned with noise; lines reach to the worst vehicle."""
+    drawn, ((axes,),) = panels(1, 1, (9.0, 4.6), "both")
+    bars = (("own gains", "before", "", "0.85", ""), ("tuned", "after", "", "0.35", ""))
+    bars += (("tuned, with noise", "after", "_noise", "1.0", "///"),)
+    for i, (label, when, noise, color, hatch) in enumerate(bars):
+        mean, worst = (np.array([1e3 * row[f"{key}_{when}{noise}"] for row in made]) for key in ("mean", "worst"))
+        shown = np.isfinite(mean)
+        places, heights = np.arange(len(made))[shown] + 0.27 * (i - 1), mean[shown]
+        axes.bar(places, heights, 0.25, color=color, hatch=hatch, edgecolor="k", linewidth=0.6, label=label)
+        axes.vlines(places, heights, worst[shown], color="k", linewidth=0.8)
+    axes.set_xticks(np.arange(len(made)), [LABELS[row["remedy"]] for row in made], rotation=25, ha="right", fontsize=8)
+    axes.set(ylim=(0, None), ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
+    axes.grid(visible=False, axis="x", which="both")
+    axes.legend(fontsize=8)
+    return drawn
+
+
+def write(study: Study, judged: Mapping[str, Judged], wrong: Mapping[str, agvjax.Metrics], out: Path) -> str:
+    """Table, figure, gains and page into a folder; returns what is printed."""
+    metric = metric_of(study.config)
+    made = rows(judged, metric)
+    said = statements(made, judged, wrong, metric)
+    files.write_csv(out / "remedies.csv", made[0], [list(row.values()) for row in made])
+    mistaken = {name: np.asarray(metrics[metric]).tolist() for name, metrics in wrong.items()}
+    each = {name: np.asarray(one.after[0][metric]).tolist() for name, one in judged.items()}
+    left = study.remedies.left_out
+    found = {"metric": metric, "rows": made, "conclusion": said, "left_out": left}
+    files.write_json(out / "remedies.json", found | {"each_vehicle": each, "mistaken_after_tuning": mistaken})
+    for name, one in judged.items():
+        files.write(out / f"gains-{name}.toml", gains_table(one.found.controller))
+    drawing = {"remedies": lambda: caption("remedies", figure(judged, made, metric), COMMAND)}
+    lost = write_figures(out, drawing)
+    text = _page(study, judged, made, said)
+    files.write(out / "report.md", text)
+    files.write(out / "report.html", html(text, out, "Which remedy is worth what?"))
+    return "\n".join([table(made), "", *said, *lost])
+
+
+# long: one template
+def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: list[str]) -> str:
+    config, metric = study.config, metric_of(study.config)
+    sizes, sensor = config.ensemble, study.sensor(True)
+    limits = grid(
+        ["counted", "mean", "worst", "worst tenth"],
+        [[name, limit.mean, limit.worst, limit.cvar] for name, limit in config.tune.limits.items()],
+    )
+    gains = grid(
+        ["remedy", "gain", "own", "tuned"],
+        [
+            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain)]
+            for name, one in judged.items()
+            for gain in one.found.gains
+        ],
+    )
+    left = "\n".join(f"* {LABELS[name]}: {why}." for name, why in study.remedies.left_out.items()) or "* none"
+    over = "\n".join(f"* {LABELS[row['remedy']]}: {row['over']}." for row in made if row["over"]) or "* none"
+    b1 = study.remedies.mattering_b1
+    when = "with that noise" if study.tuned_with_noise else "without noise"
+    matters = "" if b1 is None else _matters(b1)
+    return f"""# Which remedy against the deadzone is worth what?
+
+{" ".join(said)}
+
+{table(made)}
+
+Own gains / tuned, {metric} [10^-3 {METRICS[metric].unit}], on {sizes.validation_size} vehicles that none was tuned on;
+over the runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the
+same tuner on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at
+the remedy's own gains and at the best of {config.tune.screen} gain sets looked at. Noise: {sensor}.
+
+{image("remedies")}
+
+## What they are
+{matters}
+"Nothing" is the configured law without a network. "Belief of each vehicle": the vehicle's own slopes and thresholds, as
+an identification without error would give them. Thresholds believed 1.5 and 0.5 times are those, the slopes right: a
+wrong slope is a wrong gain of the loop, which tuning takes back. Of these inverses `width` and `quiet` are tuned with
+the law's gains; `slope` and `threshold` only of the one belief for all. The adaptive inverse runs in a computer; where
+the law is in continuous time its period, {study.period:g} s, is part of what is compared. The observer is another law,
+with gains of its own.
+
+Left out:
+
+{left}
+
+## The budget
+
+{limits}
+
+Limits are multiples of what the configured law delivers and does with its starting gains and without a remedy. Commands
+are counted behind the deadzone, as what the actuators deliver: what an inverse sends is not what its law asks for.
+Beyond them on the vehicles judged:
+
+{over}
+
+## The gains
+
+{gains}
+
+Each law is in `gains-REMEDY.toml`. Made by `{COMMAND}`, seed {config.seed}. agvjax {agvjax.__version__}.
+"""
+
+
+def _matters(b1: float) -> str:
+    return (
+        f"\nThe network matters at b1 = {b1:g} and below, where somewhere on the nominal run it adds more than k2 to"
+        " the gain of (41) (of the values that `agvjax reproduce` tries).\n"
+    )
