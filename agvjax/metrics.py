@@ -157,7 +157,7 @@ class Criteria(Meter):
         settled = ok & (tally.last_outside < horizon - self.margin)
         smooth = None if tally.outside_moment is None else _smooth_settling(tally.outside_moment, settled, horizon)
         d = tally.delivered
-        delivered = {} if d is None else {"rms_delivered": mean_root(d.squared, horizon)}
+        delivered: dict[str, Any] = {} if d is None else {"rms_delivered": mean_root(d.squared, horizon)}
         if d is not None:
             delivered |= {"peak_delivered": judged(d.peak), "variation_delivered": judged(d.variation)}
             delivered |= {"limited": judged(d.limited / horizon), "reversals_delivered": judged(d.reversals)}
