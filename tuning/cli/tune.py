@@ -77,9 +77,8 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
             raise KeyboardInterrupt
         last = next(p for p in reversed(run.searches) if p.history)
         row, best = last.history[-1], f"best {run.lead.best[1]:.4f}"
-        notes = f"cost {row[1]:.4f} {best} |grad| {row[5]:.2g} latched {row[4]:.0f}"
-        if draws.drawn(last):
-            notes = f"generation {max(p.iteration for p in run.searches if draws.drawn(p))} of gain sets, {best}"
+        plain = f"cost {row[1]:.4f} {best} |grad| {row[5]:.2g} latched {row[4]:.0f}"
+        notes = f"generation {draws.generation(run.searches)}, {best}" if draws.drawn(last) else plain
         bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
         bar.update()
         recorder.record(run)

@@ -8,10 +8,12 @@ Sobol points around the configured gains. Sets are compared as everywhere: the s
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from ..config.settings import Tune
 from .methods.method import Progress
@@ -63,9 +65,9 @@ def places(screen: Screen, best: np.ndarray, moving: np.ndarray) -> list[np.ndar
     return [best, *further]
 
 
-def begin(tuner: Tuner, z: np.ndarray, moving: np.ndarray) -> Progress:
+def begin(tuner: Tuner, z: ArrayLike, moving: np.ndarray) -> Progress:
     """A population about gains (K,)."""
-    return tuner.begin(z, moving)._replace(optimiser=state(np.asarray(z)[moving]))
+    return tuner.begin(jnp.asarray(z), moving)._replace(optimiser=state(np.asarray(z)[moving]))
 
 
 def advance(screen: Screen, searches: list[Progress]) -> list[Progress]:
@@ -109,6 +111,11 @@ def finished(p: Progress) -> bool:
         return True
     before, now = rank_at(p, p.iteration - PATIENCE), rank_at(p, p.iteration)
     return p.iteration > PATIENCE and before[0] == now[0] and now[1] > (1 - LITTLE) * before[1]
+
+
+def generation(searches: Sequence[Progress]) -> int:
+    """How many generations there were so far."""
+    return max((p.iteration for p in searches if drawn(p)), default=0)
 
 
 def rank_at(search: Progress, iterations: int) -> tuple[float, float]:
