@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 POPULATIONS, SIZE = 4, 16  # of gain sets, and sets in each: with 16 scenarios they fill one call
 REACH = 2  # of the places, as a power of `tune.spread`: 9 times, either way
-MOST = 40  # generations
+MOST = 48  # generations
 RUNGS = (6, 12)  # generations after which the better half of the populations goes on, one to the end
 PATIENCE, LITTLE = 20, 0.01  # generations in which a population must gain so much, as a share of its goal
 
