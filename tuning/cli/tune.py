@@ -11,7 +11,7 @@ import jax
 
 from ..compute import processes
 from ..config import Config
-from ..tune import page
+from ..tune import draws, page
 from ..tune.checkpoint import CHECKPOINT, Recorder
 from ..tune.judge import judge
 from ..tune.problem import pose
@@ -75,8 +75,10 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
     def each(run: Run) -> None:
         if signals:
             raise KeyboardInterrupt
-        row = next(p for p in reversed(run.searches) if p.history).history[-1]
-        notes = f"cost {row[1]:.4f} best {run.lead.best[1]:.4f} |grad| {row[5]:.2g} latched {row[4]:.0f}"
+        last = next(p for p in reversed(run.searches) if p.history)
+        row, best = last.history[-1], f"best {run.lead.best[1]:.4f}"
+        plain = f"cost {row[1]:.4f} {best} |grad| {row[5]:.2g} latched {row[4]:.0f}"
+        notes = f"generation {draws.generation(run.searches)}, {best}" if draws.drawn(last) else plain
         bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
         bar.update()
         recorder.record(run)

@@ -16,6 +16,7 @@ from agvjax.metric_table import METRICS, OLD_NAMES
 
 from ..config import dump, gains_table
 from ..io.files import write, write_csv, write_npz
+from . import draws
 from .methods.method import Progress
 from .problem import TuningProblem
 from .rounds import COLUMNS, Round, Run, begin
@@ -84,6 +85,7 @@ def save(folder: Path, run: Run) -> None:
     if run.screened is not None:
         arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
     arrays |= {name: rows for name in TURNS if (rows := getattr(run, name)) is not None}
+    arrays["drawn"] = [draws.drawn(p) for p in run.searches]
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
         arrays |= {f"{i}/optimiser/{k}": leaf for k, leaf in enumerate(leaves)}
@@ -165,13 +167,16 @@ def _suited(run: Run, problem: TuningProblem, path: Path) -> None:
 
 
 def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
+    saved = {f"{i}/moving": np.ones(fresh.z.size, bool)} | saved  # an earlier release held no gain
+    moving = _same(saved[f"{i}/moving"], fresh.moving)
+    if "drawn" in saved and saved["drawn"][i]:  # not in an earlier release
+        fresh = fresh._replace(optimiser=draws.state(np.asarray(fresh.z)[moving]))
     leaves, treedef = jax.tree.flatten(fresh.optimiser)
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")
     state = [_same(saved[f"{i}/optimiser/{k}"], leaf) for k, leaf in enumerate(leaves)]
-    saved = {f"{i}/moving": np.ones(fresh.z.size, bool)} | saved  # an earlier release held no gain
     values: dict[str, Any] = {name: saved[f"{i}/{name}"] for name in Progress._fields if name != "optimiser"}
-    values["moving"] = _same(values["moving"], fresh.moving)
+    values["moving"] = moving
     values |= {name: _same(values[name], fresh.z) for name in ("z", "sound_z", "best_z")}
     counts = ("iteration", "best_iteration", "clipped", "backed_out", "rollouts")
     values |= {name: int(values[name]) for name in counts}

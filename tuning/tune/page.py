@@ -17,7 +17,7 @@ from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
 from ..io.pictures import Drawing, write_figures
-from . import caveats, figures, tables
+from . import caveats, draws, figures, tables
 from .finer import baseline_of
 from .judge import TuneVerdict
 from .problem import TuningProblem
@@ -72,7 +72,7 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
         f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
         f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
         f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient"
-        " there was of use."
+        f" there was of use.{_drawn(run)}"
     )
     smooth = _smooth_note(objective.metrics)
     learned = "\n".join(f"* {line}" for line in tables.identifiability(verdict.findings))
@@ -192,6 +192,15 @@ def _screened(run: Run) -> str:
         return ""
     lost = f", every run of {seen.lost} of them diverged" if seen.lost else ""
     return f"{seen.looked} gain sets looked at, at the price of {seen.rollouts} rollouts of the ensemble{lost}. "
+
+
+def _drawn(run: Run) -> str:
+    """How many of the iterations followed no slope, and whether the gains come from these."""
+    count = sum(p.iteration for p in run.searches if draws.drawn(p))
+    if not count:
+        return ""
+    found = ", and the gains come from these" if draws.drawn(run.lead) else ""
+    return f" {count} of them are generations of CMA-ES, {draws.SIZE} gain sets each, without gradients{found}."
 
 
 def _smooth_note(names: Sequence[str]) -> str:

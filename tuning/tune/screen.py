@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy.stats import qmc
 
-from .methods.objective import Objective
+from .methods.objective import Objective, Score
 from .tuner import Tuner
 
 FEW = 8  # scenarios of the ensemble that every set is given first
@@ -163,9 +163,20 @@ class Screen:
         objective, budget = self.tuner.objective._replace(weights=weights), self.tuner.budget
         baseline = objective.baseline(jnp.asarray(values[unit]), jnp.asarray(ok[unit])) if budget is None else budget
         score = jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
-        excess, goal = objective.ranks(score(jnp.asarray(values), jnp.asarray(ok)))
-        nothing = ~ok.any(axis=1)  # sets that lose every run are alike, and last
-        return np.where(nothing, np.inf, excess), np.where(nothing, np.inf, goal)
+        return _compared(objective, score(jnp.asarray(values), jnp.asarray(ok)), ok)
+
+    def scores(self, points: np.ndarray) -> tuple[Score, np.ndarray, np.ndarray]:
+        """What gain sets (N, K) are worth in the whole ensemble: scores, sums of excesses (N,) and goals (N,)."""
+        values, ok = self._runs(points, np.arange(self.size), lambda runs, sets: None)
+        score = self.tuner.score_all(jnp.asarray(values), jnp.asarray(ok))
+        return score, *_compared(self.tuner.objective, score, ok)
+
+
+def _compared(objective: Objective, score: Score, ok: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By what gain sets are compared: sums of excesses (N,) and goals (N,)."""
+    excess, goal = objective.ranks(score)
+    nothing = ~ok.any(axis=1)  # sets that lose every run are alike, and last
+    return np.where(nothing, np.inf, excess), np.where(nothing, np.inf, goal)
 
 
 def _soundest(objective: Objective, values: np.ndarray, ok: np.ndarray) -> int:

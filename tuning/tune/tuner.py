@@ -166,6 +166,12 @@ class Tuner:
         return score.cost, score
 
     @functools.cached_property
+    def score_all(self) -> Callable[[Array, Array], Score]:
+        """Values (N, M, B) and ok (N, B) of gain sets in the scenarios that were drawn, none added -> their scores."""
+        objective, baseline = self.objective._replace(weights=None), self.baseline
+        return jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
+
+    @functools.cached_property
     def weigh(self) -> Callable[[Array, Array, Array], tuple[Score, Array]]:
         """What `push` returns -> score and the gradient of its cost."""
         _ = self.baseline  # a number: computed before anything is traced

@@ -5,16 +5,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tuning.tune import race
+from tuning.tune import draws, race
 from tuning.tune.race import RUNGS
 from tuning.tune.tuner import HISTORY
 
 
-def search(goals, excess=0.0, finished=False):
+def search(goals, excess=0.0, finished=False, optimiser=()):
     """A search that saw these goals, one an iteration."""
     rows = [(i, goal, goal, excess, *([0.0] * (len(HISTORY) - 4))) for i, goal in enumerate(goals)]
     assert HISTORY[1:4] == ("cost", "goal", "excess")
-    return SimpleNamespace(history=rows, iteration=len(rows), finished=finished, best=(max(excess, 0.0), min(goals)))
+    best = (max(excess, 0.0), min(goals))
+    return SimpleNamespace(history=rows, iteration=len(rows), finished=finished, best=best, optimiser=optimiser)
+
+
+def population(goals):
+    """A population whose best set in each generation had these goals."""
+    return search(goals, optimiser=draws.state(np.zeros(2)))
 
 
 def going(searches, **run):
@@ -55,12 +61,31 @@ def test_limits_count_before_the_goal_and_what_came_after_a_rung_does_not():
     assert going([FIRST, late, *others]) == [False, False, True, True, False]
 
 
-@pytest.mark.parametrize(
-    "later", [{"turns": 1}, {"tightened": np.ones((1, 1))}, {"screened": SimpleNamespace(looked=1026)}]
-)
+@pytest.mark.parametrize("later", [{"turns": 1}, {"tightened": np.ones((1, 1))}])
 def test_what_follows_a_race_goes_on_alone(later):
     searches = [FIRST, *(search([goal] * RUNGS[0]) for goal in GOALS), search([0.5])]
     assert going(searches, **later) == [False] * 9 + [True]
+
+
+def test_of_populations_the_better_half_goes_on_after_each_rung_and_one_to_the_end():
+    first, second = draws.RUNGS[:2]
+    raced = [FIRST, *(search([goal] * RUNGS[0]) for goal in GOALS)]
+    four = GOALS[:4]  # .9, .3, .7, .5
+    assert going([*raced, *(population([goal]) for goal in four)]) == [False] * 9 + [True] * 4
+    waiting = [population([goal] * first) for goal in four]
+    assert going([*raced, *waiting]) == [False] * 9 + [False, True, False, True]
+    later = [population([goal] * (second if goal <= 0.5 else first)) for goal in four]
+    assert second < draws.PATIENCE and going([*raced, *later]) == [False] * 9 + [False, True, False, False]
+    assert going([*raced, *waiting, search([0.2])]) == [False] * 13 + [True]  # along slopes from the best of them
+
+
+def test_a_population_ends_where_it_gained_little_for_a_while():
+    """By a hundredth of its goal or less in so many generations."""
+    level = [1.0] * draws.PATIENCE
+    assert not draws.finished(population([1.0, *level[1:]]))
+    assert draws.finished(population([1.0, *level, 0.995]))
+    assert not draws.finished(population([1.0, *level, 0.98]))
+    assert draws.finished(population([1.0] * draws.MOST))
 
 
 def test_a_search_that_only_lowered_a_cost_outside_the_limits_gained_nothing():

@@ -218,24 +218,3 @@ def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, oth
     assert (len(outcome.run.searches) > 1) == others
     np.testing.assert_allclose(outcome.progress.best_z, tip, atol=0.05)
     assert outcome.run.total("rollouts") > sum(p.rollouts for p in outcome.run.searches)
-
-
-@pytest.mark.parametrize("count", [1, 2, 7])
-def test_where_no_gradient_is_of_use_the_best_is_looked_about_three_times_and_then_the_best_set_comes_out(count):
-    """A cone without slopes: what a look finds nearer to its tip is kept; however few sets a look has, it ends."""
-    tip = np.log([20.0, 12.0]) + [2.0, -1.5]
-
-    def runs(z, amplitude):
-        level = 0.2 + np.linalg.norm(z - tip, axis=-1) + 0 * amplitude
-        return np.stack([level, np.ones_like(level)]), np.ones(len(level), bool)
-
-    screen, _ = far_from(runs, count=count)
-    none = np.full((2, 2, SIZE), np.nan)
-    tuner = dataclasses.replace(screen.tuner, compiled=lambda z, scenarios: (*runs(z, np.zeros(SIZE)), none))
-    config = Config(tune=Tune(screen=count), ensemble=Ensemble(size=SIZE))
-    outcome = solve(TuningProblem(config, tuner, Nobody(), dataclasses.replace(screen, tuner=tuner)))
-    seen = outcome.run.screened
-    assert seen.looked == count + 1 + 3 * (count + 2)
-    assert f"the best of {seen.looked} gain sets" in outcome.stopped
-    np.testing.assert_array_equal(outcome.progress.best_z, seen.places[0])
-    assert np.linalg.norm(seen.places[0] - tip) <= np.linalg.norm(np.log([20.0, 12.0]) - tip)

@@ -38,6 +38,11 @@ class State(NamedTuple):
     generations: np.ndarray  # ()
     spread: np.ndarray  # (), of the next generation
 
+    @property
+    def key(self) -> bytes:
+        """What tells it from others."""
+        return self.begin.tobytes() + self.costs.tobytes()
+
 
 class Cma(Method):
     """A generation an iteration; its best set is the next point."""
@@ -58,19 +63,30 @@ class Cma(Method):
     ) -> tuple[Array, State]:
         """One generation."""
         state: State = p.optimiser
-        at = int(state.generations)
-        if at >= len(state.costs):
+        if int(state.generations) >= len(state.costs):
             return p.z, state
-        strategy = self._strategy(state)
-        points = np.array(strategy.ask())
-        costs = np.asarray(self.costs(jnp.asarray(points, p.z.dtype), scenarios), float)
+        points = self.ask(state)
+        state = self.told(state, np.asarray(self.costs(jnp.asarray(points, p.z.dtype), scenarios), float))
+        best = int(np.argmin(state.costs[int(state.generations) - 1]))
+        return jnp.asarray(points[best], p.z.dtype), state
+
+    def ask(self, state: State) -> np.ndarray:
+        """The gain sets (population, K) of the next generation; the same however often it is asked."""
+        if state.key not in self._asked:
+            self._asked[state.key] = (strategy := self._strategy(state)), np.array(strategy.ask())
+        return self._asked[state.key][1]
+
+    def told(self, state: State, costs: np.ndarray) -> State:
+        """The state after a generation of these costs (population,); one that is not finite is the highest."""
+        points, at = self.ask(state), int(state.generations)
+        strategy, _ = self._asked.pop(state.key)
         known = np.where(np.isfinite(costs), costs, np.finfo(float).max ** 0.5)
         strategy.tell(list(points), list(known))
-        told = state.costs.copy()
-        told[at] = known
-        state = State(state.begin, told, np.array(at + 1), np.array(float(np.max(strategy.result.stds))))
-        self._kept[state.costs.tobytes()] = strategy
-        return jnp.asarray(points[int(np.argmin(known))], p.z.dtype), state
+        table = state.costs.copy()
+        table[at] = known
+        state = State(state.begin, table, np.array(at + 1), np.array(float(np.max(strategy.result.stds))))
+        self._kept[state.key] = strategy
+        return state
 
     @functools.cached_property
     def costs(self) -> Callable[[Array, Scenarios], Array]:
@@ -82,9 +98,14 @@ class Cma(Method):
         """Strategies by what they were told."""
         return {}
 
+    @functools.cached_property
+    def _asked(self) -> dict[bytes, tuple[Any, np.ndarray]]:
+        """Strategies that were asked and not told yet, and what they answered."""
+        return {}
+
     def _strategy(self, state: State) -> Any:
         """The strategy that was told this."""
-        kept = self._kept.pop(state.costs.tobytes(), None)
+        kept = self._kept.pop(state.key, None)
         if kept is not None:
             return kept
         draw = np.random.default_rng(0)

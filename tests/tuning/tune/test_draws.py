@@ -1,0 +1,140 @@
+"""Populations where slopes are of no use: they find a valley, are paid for as counted, and resume to the same end."""
+
+import numpy as np
+import pytest
+
+from agvjax import NeuroBackstepping, Scenario, Timing
+from tuning import Between, Config, Ensemble, Objective, Requirement, Tune, Tuner, sample, within
+from tuning.tune import draws, race, rounds
+from tuning.tune.checkpoint import load, save
+from tuning.tune.gains import Gains
+from tuning.tune.problem import TuningProblem
+from tuning.tune.rounds import begin, solve
+from tuning.tune.screen import LANES, Screen
+
+pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
+
+SCENARIOS = 16
+MIDDLE = np.log([20.0, 12.0])
+TIP = MIDDLE + [2.0, -1.5]
+GAINS = Gains(("k1", "k3"), np.zeros(2), np.full(2, np.inf))
+OBJECTIVE = Objective((Requirement("total_rmse", "mean", 1.0),), within({"effort": 1.0}))
+
+
+class Nobody:
+    """Looks for no worst scenario."""
+
+    def search(self, z, round_):
+        return []
+
+
+def cone(z, amplitude):
+    """The distance from the tip and .2; an effort that is the same everywhere."""
+    level = 0.2 + np.linalg.norm(z - TIP, axis=-1) + 0 * amplitude
+    return np.stack([level, np.ones_like(level)]), np.ones(level.shape, bool)
+
+
+def steep(z, amplitude):
+    """An error that falls with k1, and an effort that rises with it."""
+    error = np.exp(-z[..., 0]) + 0 * amplitude
+    return np.stack([error, np.exp(z[..., 0]) + 0 * amplitude]), np.ones(error.shape, bool)
+
+
+def posed(monkeypatch, surface=cone, count=7):
+    """A problem without a slope of use, which the surface answers, and the runs that it was asked for."""
+    for name in ("before_and_after", "tighter"):  # what answers has no finer step
+        monkeypatch.setattr(rounds, name, lambda *arguments: None)
+    asked = {"runs": 0, "models": 0}
+
+    def runs(z, scenarios):
+        assert z.shape == (LANES, 2)
+        amplitude = np.asarray(scenarios["disturbance.amplitude"])
+        lanes = np.column_stack([z, amplitude])
+        asked["runs"] += 1 + int(np.any(np.diff(lanes, axis=0) != 0, axis=1).sum())  # what fills a call is repeated
+        return surface(np.asarray(z), amplitude)
+
+    def model(z, scenarios):
+        asked["models"] += 1
+        return *surface(np.asarray(z), np.zeros(SCENARIOS)), np.full((2, 2, SCENARIOS), np.nan)
+
+    config = Config(tune=Tune(screen=count), ensemble=Ensemble(size=SCENARIOS))
+    batch = sample(Scenario(), {"disturbance.amplitude": Between(0.0, 1.0)}, SCENARIOS, 0)
+    law, timing = NeuroBackstepping(k1=20.0, k3=12.0), Timing()
+    tuner = Tuner(law, batch, GAINS, OBJECTIVE, config.tune, timing, compiled=model)
+    return TuningProblem(config, tuner, Nobody(), Screen(tuner, SCENARIOS, 0, runs)), asked
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_a_valley_without_slopes_is_found_and_every_run_is_counted(count, monkeypatch):
+    problem, asked = posed(monkeypatch, count=count)
+    outcome = solve(problem)
+    assert draws.drawn(outcome.progress) and not outcome.stopped
+    np.testing.assert_allclose(outcome.progress.best_z, TIP, atol=0.05)
+    found = 0.2 + np.linalg.norm(outcome.progress.best_z - TIP)  # goals are multiples of the start's, 2.7
+    assert outcome.progress.best == (0.0, pytest.approx(found / (0.2 + np.hypot(2.0, 1.5))))
+    # one model at the start for the unit of goals, and one for the worst at the end, are no iterations
+    paid = asked["runs"] / SCENARIOS + 3 * (asked["models"] - 2)
+    assert outcome.run.total("rollouts") == paid
+
+
+def test_interrupted_among_its_generations_it_goes_on_to_the_same_end(monkeypatch, tmp_path):
+    problem, _ = posed(monkeypatch)
+    kept = []
+    whole = solve(problem, each=kept.append)
+    middle = next(run for run in kept if run.searches[-1].iteration == 4 and draws.drawn(run.searches[-1]))
+    save(tmp_path, middle)
+    draws._method.cache_clear()  # another process
+    back = load(tmp_path, begin(problem))
+    assert [draws.drawn(p) for p in back.searches] == [draws.drawn(p) for p in middle.searches]
+    again = solve(problem, back)
+    np.testing.assert_array_equal(again.run.history, whole.run.history)  # where no gradient is finite, NaN
+    np.testing.assert_array_equal(again.progress.best_z, whole.progress.best_z)
+    assert again.run.total("rollouts") == whole.run.total("rollouts")
+
+
+def test_sets_within_their_limits_come_first(monkeypatch):
+    """A smaller error costs more effort than the start's, to which it is limited."""
+    problem, _ = posed(monkeypatch, steep)
+    outcome = solve(problem)
+    assert outcome.progress.best[0] == 0
+    np.testing.assert_allclose(np.exp(outcome.progress.best_z[0]), 20.0 * (1 + 5e-4), rtol=1e-3)
+
+
+def test_what_finds_nothing_better_leaves_the_lead_where_it_was(monkeypatch):
+    problem, _ = posed(monkeypatch)
+    run = begin(problem)
+    seen = problem.screen.look()
+    lead = run.searches[0]._replace(best=(0.0, 1e-3), iteration=5)  # no set comes near
+    run = race._populations(run._replace(searches=(lead,), screened=seen), seen, problem.screen)
+    assert len(run.searches) == 1 + draws.POPULATIONS
+    while (after := race.advanced(problem, run)) is not None:
+        run = after
+    assert run.lead is lead
+    assert race._populations(run, seen, problem.screen) is None
+
+
+def test_only_the_gains_that_move_are_drawn(monkeypatch):
+    problem, _ = posed(monkeypatch)
+    screen, moving = problem.screen, np.array([True, False])
+    begun = [draws.begin(problem.tuner, z, moving) for z in draws.places(screen, MIDDLE, moving)]
+    after = draws.advance(screen, begun)
+    for p in after:
+        assert p.z[1] == MIDDLE[1] and p.z[0] != MIDDLE[0]
+        assert p.optimiser.strategy.begin.shape == (1,)
+
+
+def test_places_are_the_best_and_others_within_the_square_of_the_spread(monkeypatch):
+    problem, _ = posed(monkeypatch)
+    best, *others = draws.places(problem.screen, TIP, np.ones(2, bool))
+    np.testing.assert_array_equal(best, TIP)
+    gaps = np.array(others) - MIDDLE
+    assert np.abs(gaps).max() <= np.log(9.0) and len(np.unique(np.sign(gaps), axis=0)) > 1
+
+
+def test_the_screening_knows_the_ranks_that_the_tuner_has(monkeypatch):
+    problem, _ = posed(monkeypatch, steep)
+    points = MIDDLE + np.array([[0.0, 0.0], [0.1, 0.0], [-0.3, 1.0]])
+    _, excess, goal = problem.screen.scores(points)
+    # effort e^k1 over the start's less 1, in mean and worst, beyond 5e-4; error e^-k1 over the start's
+    np.testing.assert_allclose(excess, [0.0, 2 * (np.exp(0.1) - 1 - 5e-4), 0.0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(goal, np.exp([0.0, -0.1, 0.3]))
