@@ -11,7 +11,7 @@ import jax
 
 from ..compute import processes
 from ..config import Config
-from ..tune import draws, page
+from ..tune import page, populations
 from ..tune.checkpoint import CHECKPOINT, Recorder
 from ..tune.judge import judge
 from ..tune.problem import pose
@@ -78,7 +78,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
         last = next(p for p in reversed(run.searches) if p.history)
         row, best = last.history[-1], f"best {run.lead.best[1]:.4f}"
         plain = f"cost {row[1]:.4f} {best} |grad| {row[5]:.2g} latched {row[4]:.0f}"
-        notes = f"generation {draws.generation(run.searches)}, {best}" if draws.drawn(last) else plain
+        notes = f"generation {populations.generation(run.searches)}, {best}" if populations.drawn(last) else plain
         bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
         bar.update()
         recorder.record(run)

@@ -16,7 +16,7 @@ from agvjax.metric_table import METRICS, OLD_NAMES
 
 from ..config import dump, gains_table
 from ..io.files import write, write_csv, write_npz
-from . import draws
+from . import populations
 from .methods.method import Progress
 from .problem import TuningProblem
 from .rounds import COLUMNS, Round, Run, begin
@@ -85,7 +85,7 @@ def save(folder: Path, run: Run) -> None:
     if run.screened is not None:
         arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
     arrays |= {name: rows for name in TURNS if (rows := getattr(run, name)) is not None}
-    arrays["drawn"] = [draws.drawn(p) for p in run.searches]
+    arrays["drawn"] = [populations.drawn(p) for p in run.searches]
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
         arrays |= {f"{i}/optimiser/{k}": leaf for k, leaf in enumerate(leaves)}
@@ -170,7 +170,7 @@ def _search(saved: dict[str, Any], i: int, fresh: Progress) -> Progress:
     saved = {f"{i}/moving": np.ones(fresh.z.size, bool)} | saved  # an earlier release held no gain
     moving = _same(saved[f"{i}/moving"], fresh.moving)
     if "drawn" in saved and saved["drawn"][i]:  # not in an earlier release
-        fresh = fresh._replace(optimiser=draws.state(np.asarray(fresh.z)[moving]))
+        fresh = fresh._replace(optimiser=populations.state(np.asarray(fresh.z)[moving]))
     leaves, treedef = jax.tree.flatten(fresh.optimiser)
     if f"{i}/optimiser/{len(leaves)}" in saved:
         raise ValueError("it is of another optimiser")

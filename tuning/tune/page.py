@@ -17,7 +17,7 @@ from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import html
 from ..io.pictures import Drawing, write_figures
-from . import caveats, draws, figures, tables
+from . import caveats, figures, populations, tables
 from .finer import baseline_of
 from .judge import TuneVerdict
 from .problem import TuningProblem
@@ -196,11 +196,11 @@ def _screened(run: Run) -> str:
 
 def _drawn(run: Run) -> str:
     """How many of the iterations followed no slope, and whether the gains come from these."""
-    count = sum(p.iteration for p in run.searches if draws.drawn(p))
+    count = sum(p.iteration for p in run.searches if populations.drawn(p))
     if not count:
         return ""
-    found = ", and the gains come from these" if draws.drawn(run.lead) else ""
-    return f" {count} of them are generations of CMA-ES, {draws.SIZE} gain sets each, without gradients{found}."
+    found = ", and the gains come from these" if populations.drawn(run.lead) else ""
+    return f" {count} of them are generations of CMA-ES, {populations.SIZE} gain sets each, without gradients{found}."
 
 
 def _smooth_note(names: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import draws
+from . import populations
 from .problem import TuningProblem
 from .screen import Screen, Screened
 from .tuner import Progress
@@ -32,9 +32,9 @@ def advanced(problem: TuningProblem, run: Run) -> Run | None:
     if len(searches) == problem.config.tune.starts:  # in one batch
         return run._replace(searches=tuple(problem.tuner.advance_all(searches)))
     some = [i for i, g in enumerate(on) if g]
-    if problem.screen is not None and draws.drawn(searches[some[0]]):  # these go on by themselves
+    if problem.screen is not None and populations.drawn(searches[some[0]]):  # these go on by themselves
         screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
-        after = draws.advance(screen, [searches[i] for i in some])
+        after = populations.advance(screen, [searches[i] for i in some])
     else:
         after = [problem.tuner.advance(searches[i]) for i in some]
     for i, p in zip(some, after, strict=True):
@@ -47,13 +47,13 @@ def _going(problem: TuningProblem, run: Run) -> list[bool]:
 
     What begins after these, with further gains let go or tighter bounds, goes on alone.
     """
-    on = [not (draws.finished(p) if draws.drawn(p) else problem.tuner.finished(p)) for p in run.searches]
-    populations = [i for i, p in enumerate(run.searches) if draws.drawn(p)]
-    if run.turns or run.tightened is not None or (populations and not draws.drawn(run.searches[-1])):
+    on = [not (populations.finished(p) if populations.drawn(p) else problem.tuner.finished(p)) for p in run.searches]
+    rows = [i for i, p in enumerate(run.searches) if populations.drawn(p)]
+    if run.turns or run.tightened is not None or (rows and not populations.drawn(run.searches[-1])):
         return [*([False] * (len(on) - 1)), on[-1]]
-    if populations:
-        on = [g and i in populations for i, g in enumerate(on)]
-        return _better(run, on, populations, draws.RUNGS, 1)
+    if rows:
+        on = [g and i in rows for i, g in enumerate(on)]
+        return _better(run, on, rows, populations.RUNGS, 1)
     return _better(run, on, list(_raced(problem, run)), RUNGS, 2)
 
 
@@ -64,7 +64,7 @@ def _better(run: Run, on: list[bool], racing: list[int], rungs: tuple[int, ...],
         late = {i for i in left if on[i] and run.searches[i].iteration < rung}
         if late:
             return [g and (i not in left or i in late) for i, g in enumerate(on)]
-        left = sorted(left, key=lambda i: draws.rank_at(run.searches[i], rung))
+        left = sorted(left, key=lambda i: populations.rank_at(run.searches[i], rung))
         stay = max(fewest, -(-len(left) // 2))
         on = [g and i not in left[stay:] for i, g in enumerate(on)]
         left = left[:stay]
@@ -84,7 +84,7 @@ def hard(problem: TuningProblem, run: Run) -> bool:
 
 def _gained(lead: Progress) -> float:
     """The share by which a search lowered the goal; 1 where it began outside the limits and ended within."""
-    first, best = draws.rank_at(lead, 1), lead.best
+    first, best = populations.rank_at(lead, 1), lead.best
     return float(first[0] > best[0]) if first[0] != best[0] else 1 - best[1] / first[1]
 
 
@@ -98,7 +98,7 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
     if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
-    if not run.round and (draws.drawn(searches[-1]) or len(searches) >= len(seen.apart(PLACES))):
+    if not run.round and (populations.drawn(searches[-1]) or len(searches) >= len(seen.apart(PLACES))):
         return _populations(run, seen, screen)
     if run.round and len(searches) == 1:
         count = len(next(iter(run.added.values())))
@@ -114,10 +114,10 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
 def _populations(run: Run, seen: Screened, screen: Screen) -> Run | None:
     """The run with populations; then with a search along slopes from their best, if that is the best so far."""
     moving = run.moving
-    if not any(draws.drawn(p) for p in run.searches):
+    if not any(populations.drawn(p) for p in run.searches):
         best = np.asarray(run.lead.best_z if np.isfinite(run.lead.best[1]) else seen.places[0])
-        further = [draws.begin(screen.tuner, z, moving) for z in draws.places(screen, best, moving)]
-    elif draws.drawn(run.searches[-1]) and draws.drawn(run.lead):
+        further = [populations.begin(screen.tuner, z, moving) for z in populations.places(screen, best, moving)]
+    elif populations.drawn(run.searches[-1]) and populations.drawn(run.lead):
         further = [screen.tuner.begin(run.lead.best_z, moving)]
     else:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 import agvjax
 
 from ..ensemble.worst import Found
-from . import draws
+from . import populations
 from .choice import PAYS, promises
 from .finer import TURNS, before_and_after, tightened, tighter
 from .problem import TuningProblem, in_units_of, starts, with_added
@@ -176,7 +176,9 @@ def _held(
         if factors is None:
             return run, metrics
         old = (p._replace(best=(np.inf, np.inf)) for p in run.searches)  # by bounds that count no more
-        begin = draws.begin if draws.drawn(run.lead) else Tuner.begin  # what found them, where slopes led no further
+        begin = (
+            populations.begin if populations.drawn(run.lead) else Tuner.begin
+        )  # what found them, where slopes led no further
         begun = begin(tight.tuner, run.lead.best_z, run.moving)
         rows = factors[None] if run.tightened is None else np.vstack([turns, factors])
         run = run._replace(searches=(*old, begun), tightened=rows)
@@ -233,7 +235,7 @@ def _let_go(problem: TuningProblem, run: Run) -> Run | None:
     if problem.config.tune.gains == "sensitive":
         if looked is not None and len(looked) > run.turns:
             return None  # the last look found none
-        steered = next(p for p in (run.lead, *reversed(run.searches)) if not draws.drawn(p))  # it has a penalty
+        steered = next(p for p in (run.lead, *reversed(run.searches)) if not populations.drawn(p))  # it has a penalty
         found = promises(problem.tuner, steered._replace(best_z=run.lead.best_z), run.moving)
         looked = found[None] if looked is None else np.vstack([looked, found])
         more = found >= PAYS

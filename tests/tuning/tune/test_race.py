@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tuning.tune import draws, race
+from tuning.tune import populations, race
 from tuning.tune.race import RUNGS
 from tuning.tune.tuner import HISTORY
 
@@ -20,7 +20,7 @@ def search(goals, excess=0.0, finished=False, optimiser=()):
 
 def population(goals):
     """A population whose best set in each generation had these goals."""
-    return search(goals, optimiser=draws.state(np.zeros(2)))
+    return search(goals, optimiser=populations.state(np.zeros(2)))
 
 
 def going(searches, **run):
@@ -68,24 +68,24 @@ def test_what_follows_a_race_goes_on_alone(later):
 
 
 def test_of_populations_the_better_half_goes_on_after_each_rung_and_one_to_the_end():
-    first, second = draws.RUNGS[:2]
+    first, second = populations.RUNGS[:2]
     raced = [FIRST, *(search([goal] * RUNGS[0]) for goal in GOALS)]
     four = GOALS[:4]  # .9, .3, .7, .5
     assert going([*raced, *(population([goal]) for goal in four)]) == [False] * 9 + [True] * 4
     waiting = [population([goal] * first) for goal in four]
     assert going([*raced, *waiting]) == [False] * 9 + [False, True, False, True]
     later = [population([goal] * (second if goal <= 0.5 else first)) for goal in four]
-    assert second < draws.PATIENCE and going([*raced, *later]) == [False] * 9 + [False, True, False, False]
+    assert second < populations.PATIENCE and going([*raced, *later]) == [False] * 9 + [False, True, False, False]
     assert going([*raced, *waiting, search([0.2])]) == [False] * 13 + [True]  # along slopes from the best of them
 
 
 def test_a_population_ends_where_it_gained_little_for_a_while():
     """By a hundredth of its goal or less in so many generations."""
-    level = [1.0] * draws.PATIENCE
-    assert not draws.finished(population([1.0, *level[1:]]))
-    assert draws.finished(population([1.0, *level, 0.995]))
-    assert not draws.finished(population([1.0, *level, 0.98]))
-    assert draws.finished(population([1.0] * draws.MOST))
+    level = [1.0] * populations.PATIENCE
+    assert not populations.finished(population([1.0, *level[1:]]))
+    assert populations.finished(population([1.0, *level, 0.995]))
+    assert not populations.finished(population([1.0, *level, 0.98]))
+    assert populations.finished(population([1.0] * populations.MOST))
 
 
 def test_a_search_that_only_lowered_a_cost_outside_the_limits_gained_nothing():

@@ -5,7 +5,7 @@ import pytest
 
 from agvjax import NeuroBackstepping, Scenario, Timing
 from tuning import Between, Config, Ensemble, Objective, Requirement, Tune, Tuner, sample, within
-from tuning.tune import draws, race, rounds
+from tuning.tune import populations, race, rounds
 from tuning.tune.checkpoint import load, save
 from tuning.tune.gains import Gains
 from tuning.tune.problem import TuningProblem
@@ -68,7 +68,7 @@ def posed(monkeypatch, surface=cone, count=7):
 def test_a_valley_without_slopes_is_found_and_every_run_is_counted(count, monkeypatch):
     problem, asked = posed(monkeypatch, count=count)
     outcome = solve(problem)
-    assert draws.drawn(outcome.progress) and not outcome.stopped
+    assert populations.drawn(outcome.progress) and not outcome.stopped
     np.testing.assert_allclose(outcome.progress.best_z, TIP, atol=0.05)
     found = 0.2 + np.linalg.norm(outcome.progress.best_z - TIP)  # goals are multiples of the start's, 2.7
     assert outcome.progress.best == (0.0, pytest.approx(found / (0.2 + np.hypot(2.0, 1.5))))
@@ -81,11 +81,11 @@ def test_interrupted_among_its_generations_it_goes_on_to_the_same_end(monkeypatc
     problem, _ = posed(monkeypatch)
     kept = []
     whole = solve(problem, each=kept.append)
-    middle = next(run for run in kept if run.searches[-1].iteration == 4 and draws.drawn(run.searches[-1]))
+    middle = next(run for run in kept if run.searches[-1].iteration == 4 and populations.drawn(run.searches[-1]))
     save(tmp_path, middle)
-    draws._method.cache_clear()  # another process
+    populations._method.cache_clear()  # another process
     back = load(tmp_path, begin(problem))
-    assert [draws.drawn(p) for p in back.searches] == [draws.drawn(p) for p in middle.searches]
+    assert [populations.drawn(p) for p in back.searches] == [populations.drawn(p) for p in middle.searches]
     again = solve(problem, back)
     np.testing.assert_array_equal(again.run.history, whole.run.history)  # where no gradient is finite, NaN
     np.testing.assert_array_equal(again.progress.best_z, whole.progress.best_z)
@@ -106,7 +106,7 @@ def test_what_finds_nothing_better_leaves_the_lead_where_it_was(monkeypatch):
     seen = problem.screen.look()
     lead = run.searches[0]._replace(best=(0.0, 1e-3), iteration=5)  # no set comes near
     run = race._populations(run._replace(searches=(lead,), screened=seen), seen, problem.screen)
-    assert len(run.searches) == 1 + draws.POPULATIONS
+    assert len(run.searches) == 1 + populations.POPULATIONS
     while (after := race.advanced(problem, run)) is not None:
         run = after
     assert run.lead is lead
@@ -116,8 +116,8 @@ def test_what_finds_nothing_better_leaves_the_lead_where_it_was(monkeypatch):
 def test_only_the_gains_that_move_are_drawn(monkeypatch):
     problem, _ = posed(monkeypatch)
     screen, moving = problem.screen, np.array([True, False])
-    begun = [draws.begin(problem.tuner, z, moving) for z in draws.places(screen, MIDDLE, moving)]
-    after = draws.advance(screen, begun)
+    begun = [populations.begin(problem.tuner, z, moving) for z in populations.places(screen, MIDDLE, moving)]
+    after = populations.advance(screen, begun)
     for p in after:
         assert p.z[1] == MIDDLE[1] and p.z[0] != MIDDLE[0]
         assert p.optimiser.strategy.begin.shape == (1,)
@@ -125,7 +125,7 @@ def test_only_the_gains_that_move_are_drawn(monkeypatch):
 
 def test_places_are_the_best_and_others_within_the_square_of_the_spread(monkeypatch):
     problem, _ = posed(monkeypatch)
-    best, *others = draws.places(problem.screen, TIP, np.ones(2, bool))
+    best, *others = populations.places(problem.screen, TIP, np.ones(2, bool))
     np.testing.assert_array_equal(best, TIP)
     gaps = np.array(others) - MIDDLE
     assert np.abs(gaps).max() <= np.log(9.0) and len(np.unique(np.sign(gaps), axis=0)) > 1
