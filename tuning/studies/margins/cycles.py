@@ -160,7 +160,7 @@ class Loop(NamedTuple):
         for _ in range(ROUNDS):
             at = float(np.interp(hit[1] + hit[3], np.arange(len(curve.omega)), curve.omega))
             curve, omega = self.curve(at), at
-            hits = crossings(curve)
+            hits = [h for h in crossings(curve) if h[-1]]
             if not hits:
                 return None
             hit = min(hits, key=lambda h: abs(h[1] - hit[1]) + abs(h[0] - hit[0]))
@@ -170,13 +170,13 @@ class Loop(NamedTuple):
 def predict(config: Config, found: Found, tick: Callable[[str], object] = lambda text: None) -> Predicted:
     """Limit cycles of every loop that margins were found of."""
     tick("limit cycles")
-    loop = (config.controller, config.scenario, config.timing("tune"))
-    batch, names = vehicles(config), input_names(*loop)
+    run = (config.controller, config.scenario, config.timing("tune"))
+    batch, names = vehicles(config), input_names(*run)
     missing: dict[str, str] = {}
     cycles = [[[[] for _ in names] for _ in found.t] for _ in found.ok]
     best: tuple[float, float, tuple[int, int, int, Curve]] | None = None
     inverted = {}
-    for i, (name, index, shape) in enumerate(places(*loop)):
+    for i, (name, index, shape) in enumerate(places(*run)):
         for v in np.flatnonzero(found.ok):
             one = way(config.controller, batch[int(v)], name, index or 0, shape)
             if isinstance(one, str):
