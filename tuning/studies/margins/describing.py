@@ -225,7 +225,7 @@ def _root(f, low: Array, high: Array) -> Array:  # noqa: ANN001
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def _settled(parts: Chain, shape: Place, index: int, once: Float[Array, " N"]) -> Float[Array, " N"]:
-    moving = bool(jax.tree.leaves(parts.hold(jnp.zeros(shape))))
+    moving = bool(jax.tree.leaves(parts.hold(jnp.zeros(shape, once.dtype))))
     return _course(parts, shape, index, jnp.concatenate([once, once]) if moving else once)[-len(once) :]
 
 

@@ -1,23 +1,24 @@
 """Describing functions against textbooks, limit cycles against simulations that share nothing with their prediction."""
 
+import dataclasses
 import math
 
 import control
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import agvjax
 from agvjax import Backlash, Chain, Deadzone, Delay, Inverse, Lag, RateLimit, Sampled, Saturation
-from agvjax.plants import Unicycle
 from tuning.config import load
 from tuning.studies.margins.cycles import Loop, crossings, predict
 from tuning.studies.margins.describing import Inverted, Way, describing, wanted, way
 from tuning.studies.margins.study import study
 
 ZONE = Deadzone(slope_right=0.8, slope_left=0.8, threshold_right=0.1, threshold_left=0.1)
-DT = 2e-3  # s
+DT = 0.01  # s
 
 
 def alone(**parts):
@@ -84,11 +85,11 @@ def looped(element, gains, late=0.0):
         slots = round(late / DT)
         line = control.ss(np.eye(slots, k=-1), np.eye(slots)[:, :1], np.eye(slots)[-1:], [[0.0]], DT)
         space = space * line
-    nothing = np.zeros(20000)
-    return Loop(space, 0.0, alone(element=element), 1.0, nothing, nothing, 10000, 0, DT)
+    nothing = np.zeros(4000)
+    return Loop(space, 0.0, alone(element=element), 1.0, nothing, nothing, 2000, 0, DT)
 
 
-def simulated(element, gains, late=0.0, seconds=150.0):
+def simulated(element, gains, late=0.0, seconds=400.0):
     """Half the range of u and its frequency [rad/s] once settled; `element` a function of u and of what it was."""
     k, c, ki = gains
     x, v, total, y, us = 0.4, 0.0, 0.0, 0.0, []
@@ -135,9 +136,11 @@ def test_integral_action_and_a_deadzone_hunt_as_found_by_hand():
     curve = looped(SYMMETRIC, (k, c, ki)).curve(1.0)
     ((a, w, along_a, along_w, stable),) = [h for h in crossings(curve) if curve.amplitude[h[0]] > 0.1]
     assert stable
-    assert np.interp(w + along_w, range(300), curve.omega) == pytest.approx(math.sqrt(ki / c), rel=2e-3)
+    assert np.interp(w + along_w, range(300), curve.omega) == pytest.approx(
+        math.sqrt(ki / c), rel=1e-2
+    )  # less half a step of hold
     A = np.interp(a + along_a, range(len(curve.amplitude)), curve.amplitude)
-    assert by_textbook(A, 1.0, 0.1) == pytest.approx(ki / (c * k), rel=5e-3)
+    assert by_textbook(A, 1.0, 0.1) == pytest.approx(ki / (c * k), rel=2e-2)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +149,7 @@ def test_integral_action_and_a_deadzone_hunt_as_found_by_hand():
         (SYMMETRIC, dead, (4.0, 2.0, 4.0), 0.0),
         (SYMMETRIC, dead, (4.0, 2.0, 6.5), 0.0),
         (Backlash(gap=0.2), play, (4.0, 2.0, 0.0), 0.0),
-        (Saturation(upper=0.5, lower=-0.5), cut, (1.0, 1.0, 0.0), 0.9),
+        (Saturation(upper=0.5, lower=-0.5), cut, (1.0, 1.0, 0.0), 0.75),
     ],
 )
 def test_limit_cycles_are_those_of_a_simulation_by_hand(element, function, gains, late):
@@ -166,11 +169,11 @@ def test_a_loop_without_integral_action_does_not_hunt_in_a_deadzone():
 def test_what_an_inverse_was_asked_for_is_found_from_what_it_sent():
     inverse = Inverse(believed={"left": ZONE})
     d = np.array([-0.5, -0.02, 0.0, 0.003, 0.3])
-    sent = np.asarray(inverse.inverted({"left": d})["left"])
+    sent = np.asarray(inverse.inverted({"left": jnp.asarray(d)})["left"])
     one = Way(Chain(inverse=Inverted(inverse=inverse)), Chain(deadzone=ZONE), (), 0)
     found, slope = wanted(one, sent)
     np.testing.assert_allclose(found, d, atol=1e-6)
-    steps = [(inverse.inverted({"left": d + s})["left"]) for s in (1e-6, -1e-6)]
+    steps = [np.asarray(inverse.inverted({"left": jnp.asarray(d + s)})["left"]) for s in (1e-6, -1e-6)]
     np.testing.assert_allclose(slope[[0, 1, 4]], ((steps[0] - steps[1]) / 2e-6)[[0, 1, 4]], rtol=1e-3)
 
 
@@ -182,10 +185,10 @@ def test_what_is_not_covered_is_named():
         "": Chain(play=Backlash(), delay=Delay(), lag=Lag()),
     }
     for reason, chain in rest.items():
-        scenario = agvjax.Scenario(plant=base.scenario.plant, actuators={"left": chain})
+        scenario = dataclasses.replace(base.scenario, actuators={"left": chain})
         found = way(base.controller, scenario, "left", 0, ())
-        assert found == reason if reason else isinstance(found, Way)
-    learning = Sampled(vehicle=Unicycle(), compensation=agvjax.AdaptiveInverse(believed={"left": ZONE}))
+        assert isinstance(found, Way) if not reason else found == reason
+    learning = Sampled(vehicle=base.scenario.plant, compensation=agvjax.AdaptiveInverse(believed={"left": ZONE}))
     assert way(learning, base.scenario, "left", 0, ()) == "AdaptiveInverse"
 
 
