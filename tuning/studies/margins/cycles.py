@@ -120,6 +120,7 @@ class Loop(NamedTuple):
         at = float(curve.omega[w] * (curve.omega[w + 1] / curve.omega[w]) ** along_w)
         mean = float(curve.mean[a] + along_a * (curve.mean[a + 1] - curve.mean[a]))
         stable = stable and self._alone(-1 / self.response(np.array([at]))[0], at)
+        solved = None
         if stable:
             solved = balanced(
                 self.way,
@@ -128,23 +129,23 @@ class Loop(NamedTuple):
                 (mean, A, at),
                 np.pi / float(self.space.dt),
             )
-            if solved is not None:
-                mean, A, at = solved
-        return Cycle(A, at, mean, stable, stable and solved is not None)
+        if solved is not None:
+            mean, A, at = solved
+        return Cycle(A, at, mean, stable, solved is not None)
 
     def response(self, omega: np.ndarray) -> np.ndarray:
         """L (F,) at frequencies (F,) [rad/s], all at once: python-control takes them one by one."""
-        A, B, C, D, period = self.space.A, self.space.B, self.space.C, self.space.D, float(self.space.dt)
-        z = np.exp(1j * omega * period)[:, None, None]
+        A, B, C, D = (np.asarray(x) for x in (self.space.A, self.space.B, self.space.C, self.space.D))
+        z = np.exp(1j * omega * float(self.space.dt))[:, None, None]
         return np.ravel(C @ np.linalg.solve(z * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))) + D)
 
     def _alone(self, N: complex, omega: float) -> bool:
         """Whether nothing but the cycle itself stays in the loop closed by N."""
-        A, B, C, D = self.space.A, self.space.B, self.space.C, self.space.D[0, 0]
-        modes = np.linalg.eigvals(A - B @ C * N / (1 + N * D))
+        A, B, C, D = (np.asarray(x) for x in (self.space.A, self.space.B, self.space.C, self.space.D))
+        modes = np.linalg.eigvals(A - B @ C * N / (1 + N * D[0, 0]))
         period = float(self.space.dt)
         modes = np.delete(modes, np.argmin(np.abs(modes - np.exp(1j * omega * period))))
-        upper = np.abs(modes[modes.imag > -1e-9])  # what N says of a frequency below 0 is its conjugate
+        upper = np.abs(modes[np.imag(modes) > -1e-9])  # what N says of a frequency below 0 is its conjugate
         return bool(np.max(np.log(np.maximum(upper, 1e-300)) / period, initial=-np.inf) <= GROWTH + self.turning)
 
     def cycles(self) -> tuple[list[Cycle], Curve]:

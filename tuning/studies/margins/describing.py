@@ -56,7 +56,7 @@ class Way(NamedTuple):
     before: Chain  # in the computer: the inverse of a deadzone, the limits of an anti-windup
     after: Chain  # the deadzone, then saturation, backlash and rounding
     shape: tuple[int, ...]  # of the actuator's input
-    index: int  # which number of it
+    number: int  # which number of it
 
     @property
     def whole(self) -> Chain:
@@ -142,14 +142,14 @@ def leaves_of(parts: Chain) -> dict[str, PyTree]:
 
 def delivered(way: Way, u: np.ndarray) -> np.ndarray:
     """What is delivered of a course of inputs (N,), from the start of a run."""
-    return np.asarray(_course(cast(way.after, u.dtype), way.shape, way.index, jnp.asarray(u)))
+    return np.asarray(_course(cast(way.after, u.dtype), way.shape, way.number, jnp.asarray(u)))
 
 
 def wanted(way: Way, sent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the law wanted where this was sent, (N,), and the slope of what is sent there; beyond a limit, the limit."""
     if not len(way.before):
         return sent, np.ones_like(sent)
-    found = _undone(cast(way.before, sent.dtype), way.shape, way.index, jnp.asarray(sent))
+    found = _undone(cast(way.before, sent.dtype), way.shape, way.number, jnp.asarray(sent))
     return np.asarray(found[0]), np.asarray(found[1])
 
 
@@ -165,7 +165,7 @@ def describing(way: Way, level: float, share: float, amplitude: np.ndarray) -> t
     """
     dtype = np.asarray(amplitude).dtype
     b, real, imaginary = _describing(
-        cast(way.whole, dtype), way.shape, way.index, *(jnp.asarray(x, dtype) for x in (level, share, amplitude))
+        cast(way.whole, dtype), way.shape, way.number, *(jnp.asarray(x, dtype) for x in (level, share, amplitude))
     )
     return np.asarray(real) + 1j * np.asarray(imaginary), np.asarray(b)
 
@@ -173,7 +173,7 @@ def describing(way: Way, level: float, share: float, amplitude: np.ndarray) -> t
 def settled(way: Way, u: np.ndarray) -> np.ndarray:
     """What is delivered of one period of inputs (N,), again and again."""
     dtype = u.dtype
-    return np.asarray(_settled(cast(way.whole, dtype), way.shape, way.index, jnp.asarray(u)))
+    return np.asarray(_settled(cast(way.whole, dtype), way.shape, way.number, jnp.asarray(u)))
 
 
 Place = tuple[int, ...]

@@ -59,15 +59,15 @@ def cycles(curve: Curve, label: str) -> Figure:
     drawn, ((axes,),) = panels(1, 1, (6.5, 5.5))
     moving = np.abs(curve.N) > 1e-3
     line = np.where(moving, -1 / np.where(moving, curve.N, 1), np.nan)
-    axes.plot(curve.response.real, curve.response.imag, lw=1.2, color=COLORS[0], label=f"L, {label}")
-    axes.plot(line.real, line.imag, ".-", ms=4, lw=1.2, color=COLORS[1], label="-1 / N(A)")
+    axes.plot(np.real(curve.response), np.imag(curve.response), lw=1.2, color=COLORS[0], label=f"L, {label}")
+    axes.plot(np.real(line), np.imag(line), ".-", ms=4, lw=1.2, color=COLORS[1], label="-1 / N(A)")
     axes.plot(-1, 0, "+", color="0.3", ms=10)
     found = [hit for hit in crossings(curve) if hit[-1]]
     for a, w, along_a, along_w, _ in found:
         at = curve.response[w] + along_w * (curve.response[w + 1] - curve.response[w])
         A = curve.amplitude[a] + along_a * (curve.amplitude[a + 1] - curve.amplitude[a])
         omega = curve.omega[w] + along_w * (curve.omega[w + 1] - curve.omega[w])
-        axes.plot(at.real, at.imag, "o", color=COLORS[3], label=f"limit cycle: A = {A:.3g}, {omega:.3g} rad/s")
+        axes.plot(np.real(at), np.imag(at), "o", color=COLORS[3], label=f"limit cycle: A = {A:.3g}, {omega:.3g} rad/s")
     if not found:
         apart, w, a = curve.nearest()
         at = curve.response[w]

@@ -36,9 +36,8 @@ def balanced(
     Source: Gelb and Vander Velde, 1968, sec. 3.4; Khalil, Nonlinear Systems, 3rd ed., sec. 7.2 (harmonic balance).
     """
     mean, amplitude, omega = guess
-    count = max(1, min(HARMONICS, int(0.9 * fastest / omega)))
-    turn = 2 * np.pi * np.arange(POINTS) / POINTS
-    waves = np.exp(1j * np.outer(np.arange(1, count + 1), turn))
+    orders = np.arange(1, max(1, min(HARMONICS, int(0.9 * fastest / omega))) + 1)
+    count, waves = len(orders), np.exp(2j * np.pi / POINTS * np.outer(orders, np.arange(POINTS)))
 
     def course(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         parts = amplitude * (np.append(x[1], x[3 : 2 + count]) + 1j * np.append(0.0, x[2 + count :]))
@@ -47,14 +46,13 @@ def balanced(
     def missing(x: np.ndarray) -> np.ndarray:
         parts, u = course(x)
         y = settled(way, u)
-        found = parts + ratio(omega * x[2] * np.arange(1, count + 1)) * 2 * (y @ np.conj(waves).T) / POINTS
+        found = parts + ratio(omega * x[2] * orders) * 2 * (y @ np.conj(waves).T) / POINTS
         slow = (1 - rest[1]) * amplitude * x[0] + rest[1] * y.mean() - rest[0]
         return np.concatenate([[slow], found.real, found.imag]) / amplitude
 
     begin = np.concatenate([[mean / amplitude, 1.0, 1.0], np.zeros(2 * count - 2)])
     solved = root(missing, begin, options={"eps": 1e-4})
-    _, u = course(solved.x)
     near = all(1 / FAR < abs(x) < FAR for x in solved.x[1:3])
     if not (np.max(np.abs(solved.fun)) < 1e-3 and near):
         return None
-    return float(amplitude * solved.x[0]), float(np.ptp(u) / 2), float(omega * solved.x[2])
+    return float(amplitude * solved.x[0]), float(np.ptp(course(solved.x)[1]) / 2), float(omega * solved.x[2])

@@ -162,7 +162,7 @@ def test_limit_cycles_are_those_of_a_simulation_by_hand(element, function, gains
 
 
 def test_a_loop_without_integral_action_does_not_hunt_in_a_deadzone():
-    """k / s^2 with a zero never crosses the negative axis but at its far end."""
+    """Its L, (c s + k) / s^2, never crosses the negative axis but at its far end."""
     assert not [c for c in looped(SYMMETRIC, (4.0, 2.0, 0.0)).cycles()[0] if c.stable]
 
 
