@@ -51,6 +51,9 @@ class Loops(NamedTuple):
     effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
     limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
     ok: Any  # (), whether the run stayed within `scenario.limit`
+    slope: Any  # (K, m), of the deadzones, as it is in B and D
+    asked: Any  # (N, m), what the actuators are asked for in every step of the run, up to the last period
+    step: Any  # (), s, from one of these to the next
 
 
 def steady(loops: Loops) -> Any:
@@ -92,9 +95,14 @@ def instants(controller: Law | Batch, timing: Timing, first: float, count: int) 
 
 def input_names(controller: Law, scenario: Scenario, timing: Timing) -> list[str]:
     """The m inputs of actuators in the order of `Loops`, `position[0]` of one with several."""
+    return [name if i is None else f"{name}[{i}]" for name, i, _ in places(controller, scenario, timing)]
+
+
+def places(controller: Law, scenario: Scenario, timing: Timing) -> list[tuple[str, int | None, tuple[int, ...]]]:
+    """By input in the order of `Loops` its actuator, which number of it (None of one that is sent one), its shape."""
     shapes = _shapes(_rollout(controller, dataclasses.replace(scenario, sensor=None), timing))
-    sizes = {name: math.prod(shapes[name]) for name in scenario.plant.actuators}
-    return [f"{name}[{i}]" if shapes[name] else name for name, size in sizes.items() for i in range(size)]
+    each = [(name, shapes[name]) for name in scenario.plant.actuators]
+    return [(n, i if shape else None, shape) for n, shape in each for i in range(math.prod(shape))]
 
 
 def longest_delay(scenario: Scenario | Batch) -> float:
@@ -151,8 +159,8 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
 
     earlier = begin // stride
     last, found = jax.lax.scan(stretch, rollout.begin(), stride * jnp.arange(earlier + count))
-    asked = found[1].inputs.reshape(-1, found[1].inputs.shape[-1])
-    asked = jnp.concatenate([jnp.zeros((slots, asked.shape[1]), asked.dtype), asked])
+    history = found[1].inputs.reshape(-1, found[1].inputs.shape[-1])
+    asked = jnp.concatenate([jnp.zeros((slots, history.shape[1]), history.dtype), history])
     carries, samples = jax.tree.map(lambda x: x[earlier:], found)
     numbers = begin + stride * jnp.arange(count)
     shares = _shares(rollout.scenario, rollout.dt, slots, _shapes(rollout))
@@ -163,7 +171,7 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
         delayed = jnp.einsum("sjm,mj->sm", lines, shares)
         return _opened(rollout, timing, carry, rollout.table(number, every), delayed)
 
-    A, B, C, D, effect = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
+    A, B, C, D, effect, slope = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
     B, D = (_by_periods(x, shares, every) for x in (B, D))
     now = asked[numbers + slots]
     ahead = jnp.minimum(numbers + every, len(asked) - slots - 1)
@@ -171,7 +179,8 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
     headings, apart = found[1].heading.ravel(), (ahead - numbers).astype(rollout.dtype) * rollout.dt
     turning = jnp.abs(wrap(headings[ahead] - headings[numbers])) / apart
     t, limited = samples.t[:, 0], samples.limited[:, :every].any(1)
-    return Loops(every * rollout.dt, t, A, B, C, D, now, change, turning, effect, limited, last.ok)
+    place = (now, change, turning, effect, limited, last.ok)
+    return Loops(every * rollout.dt, t, A, B, C, D, *place, slope, history, rollout.dt)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:
@@ -208,7 +217,7 @@ def _by_periods(x: Array, shares: Array, every: int) -> Array:
 
 
 def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: Array) -> tuple[Array, ...]:
-    """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size (m,)."""
+    """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size and slopes (m,)."""
     scenario, shapes = rollout.scenario, _shapes(rollout)
     sizes = np.cumsum([math.prod(shapes[name]) for name in scenario.plant.actuators])[:-1].tolist()
     chains = {name: _without(scenario.actuators.get(name)) for name in scenario.plant.actuators}
@@ -238,7 +247,8 @@ def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: A
     both = jax.jacfwd(lambda z: period(z[:n], z[n:].reshape(shape)))(jnp.concatenate([x0, delivered.ravel()]))
     (A, B), (C, D) = ((x[:, :n], x[:, n:].reshape(len(x), *shape)) for x in both)
     effect = jnp.linalg.norm(B.sum(1), axis=0)
-    return A, jnp.moveaxis(B * slopes[None], 1, 0), C, jnp.moveaxis(D * slopes[None], 1, 0), effect
+    B, D = (jnp.moveaxis(x * slopes[None], 1, 0) for x in (B, D))
+    return A, B, C, D, effect, slopes.mean(0)
 
 
 def _numbers(carry: Carry) -> tuple[Array, Callable[[Array], Carry]]:

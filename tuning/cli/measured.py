@@ -34,7 +34,7 @@ def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:
     delivered = [part for name in plant.actuators for part in plant.parts(name)]
     numbers: Numbers = {"ok": bool(metrics.ok)}
     for field in dataclasses.fields(metrics):
-        if field.name in ("ok", "settled", "settling_smooth", "limited", "followed"):
+        if field.name in ("ok", "settled", "settling_smooth", "limited", "followed", "loop"):
             continue
         values = np.asarray(getattr(metrics, field.name)).tolist()
         if field.name == "settling_time":

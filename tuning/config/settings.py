@@ -96,10 +96,7 @@ class Weights:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Limit:
-    """What the statistics of a metric must not exceed, in multiples of the starting gains' or absolute.
-
-    With `least` what they must not fall below: the worst is the smallest, the cvar the mean of the smallest.
-    """
+    """What a metric's statistics must not exceed, or with `least` fall below: times the starting gains' or absolute."""
 
     mean: float = np.inf  # infinite: none
     worst: float = np.inf

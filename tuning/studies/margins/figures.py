@@ -1,4 +1,4 @@
-"""Figures of margins: along the run, and the Bode plot of the tightest loop beside that of the configured vehicle."""
+"""Figures of margins: along the run, Bode plot of the tightest loop, and where limit cycles are predicted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from agvjax.draw import plot
 
 from ...io.panels import panels
+from .cycles import Curve, crossings
 from .loops import frequencies
 
 COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
@@ -50,4 +51,30 @@ def bode(loops: Sequence[tuple[str, StateSpace]], period: float) -> Figure:
     gain.set(ylabel="|L|")
     phase.set(xlabel="frequency [rad/s]", ylabel="phase [degrees]")
     gain.legend(fontsize=8)
+    return drawn
+
+
+def cycles(curve: Curve, label: str) -> Figure:
+    """Nyquist curve of L beside -1 / N(A), and where they cross; where they do not, where they are closest."""
+    drawn, ((axes,),) = panels(1, 1, (6.5, 5.5))
+    moving = np.abs(curve.N) > 1e-3
+    line = np.where(moving, -1 / np.where(moving, curve.N, 1), np.nan)
+    axes.plot(np.real(curve.response), np.imag(curve.response), lw=1.2, color=COLORS[0], label=f"L, {label}")
+    axes.plot(np.real(line), np.imag(line), ".-", ms=4, lw=1.2, color=COLORS[1], label="-1 / N(A)")
+    axes.plot(-1, 0, "+", color="0.3", ms=10)
+    found = [hit for hit in crossings(curve) if hit[-1]]
+    for a, w, along_a, along_w, _ in found:
+        at = curve.response[w] + along_w * (curve.response[w + 1] - curve.response[w])
+        A = curve.amplitude[a] + along_a * (curve.amplitude[a + 1] - curve.amplitude[a])
+        omega = curve.omega[w] + along_w * (curve.omega[w + 1] - curve.omega[w])
+        axes.plot(np.real(at), np.imag(at), "o", color=COLORS[3], label=f"limit cycle: A = {A:.3g}, {omega:.3g} rad/s")
+    if not found:
+        apart, w, a = curve.nearest()
+        at = curve.response[w]
+        axes.plot(
+            at.real, at.imag, "s", color="0.3", label=f"closest: |1 + L N| = {apart:.2g}, A = {curve.amplitude[a]:.3g}"
+        )
+    far = max(4.0, *(1.5 * abs(curve.response[hit[1]]) for hit in found)) if found else 4.0
+    axes.set(xlim=(-far, far / 3), ylim=(-far * 2 / 3, far * 2 / 3), xlabel="Re L", ylabel="Im L")
+    axes.legend(fontsize=8, loc="lower left")
     return drawn

@@ -9,13 +9,15 @@ import control
 import numpy as np
 
 import agvjax
-from agvjax.linear import JUMP, SLOWEST, input_names
+from agvjax.linear import JUMP, SLOWEST
 
 from ...config.settings import Config
 from ...io import files
 from ...io.pages import grid, html
 from ...io.pictures import write_figures
-from . import figures
+from . import cycles_page, figures
+from .cycles import Predicted
+from .harmonics import HARMONICS
 from .loops import Margins
 from .study import Found
 
@@ -123,10 +125,11 @@ def _ends(values: np.ndarray, least: bool) -> list[float]:
     return [float(x) for x in np.quantile(known, shares, method="nearest")]
 
 
-def write(config: Config, found: Found, out: Path) -> Told:
+def write(config: Config, found: Found, predicted: Predicted, out: Path) -> Told:
     """Everything into the folder of a run."""
-    names = input_names(config.controller, config.scenario, config.timing("tune"))
+    names = predicted.names
     said, failure = sentences(found, names)
+    said += cycles_page.sentences(predicted, found, config.scenario.plant.units)
     rows = [
         [v, float(found.t[k]), names[i], bool(found.left_out[v, k]), bool(found.ok[v]), *m]
         for v, vehicle in enumerate(found.margins)
@@ -135,13 +138,16 @@ def write(config: Config, found: Found, out: Path) -> Told:
     ]
     header = ["vehicle", "t [s]", "input", "left out", "ok", "gain", "less", "phase [rad]", "delay [s]", "Ms"]
     files.write_csv(out / "margins.csv", [*header, "crossover [rad/s]", "growth [1/s]"], rows)
+    files.write_csv(out / "cycles.csv", cycles_page.HEADER, cycles_page.rows(predicted, found.t))
     drawings = {}
     worst = tightest(found)
     if worst is not None:
         drawings["along"] = lambda: figures.along(found.t, found.values("delay"), found.values("sensitivity"), names)
         drawings["bode"] = lambda: figures.bode(_shown(found, worst, names), found.period)
+    if (shown := predicted.shown) is not None:
+        drawings["cycles"] = lambda: figures.cycles(shown[3], f"vehicle {shown[0]}, {names[shown[2]]}")
     lost = write_figures(out, drawings)
-    text = _page(config, found, said, table(found, names), worst is not None)
+    text = _page(config, found, said, table(found, names), list(drawings))
     files.write(out / "report.md", text)
     files.write(out / "report.html", html(text, out, "How far from instability?"))
     return Told("\n".join([*said, "", table(found, names), *lost]), failure)
@@ -157,9 +163,9 @@ def _shown(found: Found, worst: Worst, names: list[str]) -> list[tuple[str, cont
 
 
 # long: one template
-def _page(config: Config, found: Found, said: list[str], margins: str, drawn: bool) -> str:
+def _page(config: Config, found: Found, said: list[str], margins: str, drawn: list[str]) -> str:
     lines, others = "\n".join(f"* {line}" for line in said[1:]), len(found.ok) - 1
-    pictures = "![along](along.png)\n\n![bode](bode.png)\n" if drawn else ""
+    pictures = "".join(f"![{name}]({name}.png)\n\n" for name in drawn)
     return f"""# How far from instability?
 
 **{said[0]}**
@@ -173,12 +179,18 @@ Linearised at {len(found.t)} instants from {config.criteria.late:g} s on (`crite
 and of {others} that were not tuned on. The loop is cut at one actuator, all others stay closed. A margin says how much
 of one change at that actuator the loop bears when nothing else changes: its gain up or down, lag at the frequency where
 its gain is 1, delay; Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of its
-side, backlash and rounding with 1: what a motion small beside them does is not told. Margins of gains that stand for
-one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them. Left out are
-instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its largest in a
-second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and the column of
-5 % says more. What is slower than the vehicle turns at that instant, or than {SLOWEST:g} rad/s, is another loop by then
-and does not count.
+side, backlash and rounding with 1; what a motion small beside them does, the limit cycles tell. Margins of gains
+that stand for one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them.
+Left out are instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its
+largest in a second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and
+the column of 5 % says more. What is slower than the vehicle turns at that instant, or than {SLOWEST:g} rad/s, is
+another loop by then and does not count.
+
+A limit cycle is where 1 + L(jw) N(A) = 0, N the describing function of what is not linear at one actuator: deadzone,
+backlash, rounding, saturation, with the inverse of a deadzone in the computer, at the mean input that the run has
+there. A stable one is refined by {HARMONICS} harmonics; its amplitude is half the range of the input. `cycles.csv` has
+all of them, also those that are not stable, from which on a motion grows. Not told is what two actuators do together,
+what limits of the plant itself do, and what is slower than the loop is looked at.
 
 Made by `agvjax margins`, seed {config.seed}. agvjax {agvjax.__version__}.
 """

@@ -48,7 +48,7 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     """Linearise along the run of the configured vehicle and of others, and look at every loop."""
     settings, timing, first = config.margins, config.timing("tune"), config.criteria.late
     tick("runs")
-    loops = linearised(config.controller, _vehicles(config), timing=timing, first=first, count=settings.instants)
+    loops = linearised(config.controller, vehicles(config), timing=timing, first=first, count=settings.instants)
     loops = Loops(*(np.asarray(x) for x in loops))
     period = float(loops.period[0])
     tick("margins")
@@ -59,7 +59,7 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     return Found(period, loops.t[0], found, ~np.asarray(steady(loops)), loops.ok, loops)
 
 
-def _vehicles(config: Config) -> agvjax.Batch:
+def vehicles(config: Config) -> agvjax.Batch:
     """The configured one, and others that were not tuned on."""
     draws = config.ensemble.draws
     if not draws or not config.margins.vehicles:

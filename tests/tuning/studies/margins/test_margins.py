@@ -140,8 +140,15 @@ def test_a_report_of_a_robot_is_written(tmp_path):
     options = ["--set", 'controller.inner="path_pid"', "--set", "margins.vehicles=4", "--set", "margins.instants=4"]
     said, _ = run(["margins", "--config", "base", "--out", str(out), *options], 0)
     assert "The tightest loop" in said and "more delay" in said
-    assert {"report.html", "report.md", "margins.csv", "bode.png", "along.png", "config.toml"} <= {
-        file.name for file in out.iterdir()
-    }
+    assert {
+        "report.html",
+        "report.md",
+        "margins.csv",
+        "cycles.csv",
+        "cycles.png",
+        "bode.png",
+        "along.png",
+        "config.toml",
+    } <= {file.name for file in out.iterdir()}
     rows = (out / "margins.csv").read_text().splitlines()
     assert len(rows) == 1 + 5 * 4 * 2
