@@ -52,16 +52,17 @@ def table(made: list[Json]) -> str:
 def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figure:
     """Mean error of every remedy, own gains and tuned, and tuned with noise; lines reach to the worst vehicle."""
     drawn, ((axes,),) = panels(1, 1, (9.0, 4.6), "both")
-    bars = (("own gains", "before", "", "0.85", ""), ("tuned", "after", "", "0.35", ""))
-    bars += (("tuned, with noise", "after", "_noise", "1.0", "///"),)
-    for i, (label, when, noise, color, hatch) in enumerate(bars):
+    kinds = (("own gains", "before", "", "o", "w"), ("tuned", "after", "", "o", "k"))
+    kinds += (("tuned, with noise", "after", "_noise", "D", "0.6"),)
+    for i, (label, when, noise, marker, color) in enumerate(kinds):
         mean, worst = (np.array([1e3 * row[f"{key}_{when}{noise}"] for row in made]) for key in ("mean", "worst"))
-        shown = np.isfinite(mean)
-        places, heights = np.arange(len(made))[shown] + 0.27 * (i - 1), mean[shown]
-        axes.bar(places, heights, 0.25, color=color, hatch=hatch, edgecolor="k", linewidth=0.6, label=label)
+        shown = np.isfinite(mean) & (mean > 0)
+        places, heights = np.arange(len(made))[shown] + 0.2 * (i - 1), mean[shown]
         axes.vlines(places, heights, worst[shown], color="k", linewidth=0.8)
+        axes.plot(places, worst[shown], "_", color="k", ms=6)
+        axes.plot(places, heights, marker, color=color, mec="k", ms=6, label=label)
     axes.set_xticks(np.arange(len(made)), [LABELS[row["remedy"]] for row in made], rotation=25, ha="right", fontsize=8)
-    axes.set(ylim=(0, None), ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
+    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
     axes.grid(visible=False, axis="x", which="both")
     axes.legend(fontsize=8)
     return drawn
