@@ -78,11 +78,11 @@ def way(controller: Law, scenario: Scenario, name: str, index: int, shape: tuple
         return f"{type(zone).__name__} has a memory"
     found, lagging = {"deadzone": zone}, False
     rest = scenario.actuators.get(name, Chain())
-    for key, part in rest.elements("rest"):
+    for _, part in rest.elements("rest"):
         if isinstance(part, Backlash | Quantisation | Saturation):
             if lagging:
                 return f"{type(part).__name__} behind a lag"
-            found[key] = part
+            found[f"part_{len(found)}"] = part  # elements of chains in chains have dots in their names
         elif isinstance(part, Lag):
             lagging = True
         elif not isinstance(part, Delay):
