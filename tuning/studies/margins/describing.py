@@ -32,6 +32,7 @@ from agvjax.leaves import cast, leaves
 from agvjax.protocols import Element, Law
 
 POINTS = 128  # of a period
+TINY = 1e-3  # of the largest size: a mean that small is none
 HALVINGS = {4: 28, 8: 44}  # by bytes of a number, until a bisection has found it as well as numbers resolve
 
 
@@ -78,11 +79,11 @@ def way(controller: Law, scenario: Scenario, name: str, index: int, shape: tuple
         return f"{type(zone).__name__} has a memory"
     found, lagging = {"deadzone": zone}, False
     rest = scenario.actuators.get(name, Chain())
-    for key, part in rest.elements("rest"):
+    for _, part in rest.elements("rest"):
         if isinstance(part, Backlash | Quantisation | Saturation):
             if lagging:
                 return f"{type(part).__name__} behind a lag"
-            found[key] = part
+            found[f"part_{len(found)}"] = part  # elements of chains in chains have dots in their names
         elif isinstance(part, Lag):
             lagging = True
         elif not isinstance(part, Delay):
@@ -122,6 +123,7 @@ def amplitudes(parts: Chain, about: float, count: int = 120) -> np.ndarray:
     """Where a describing function is looked at, (count,), by the sizes in a chain, about an input of such a size."""
     sizes = [abs(float(x)) for name, x in leaves_of(parts).items() if "slope" not in name.rsplit(".", 1)[-1]]
     sizes = [x for x in (*sizes, abs(about)) if 0 < x < math.inf] or [1.0]
+    sizes = [x for x in sizes if x > TINY * max(sizes)]
     return np.geomspace(0.05 * min(sizes), 30 * max(sizes), count)
 
 

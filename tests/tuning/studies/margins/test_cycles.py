@@ -201,21 +201,29 @@ SIDEWAYS = [
     "margins.vehicles=0",
 ]
 PLAY = "scenario.actuators.steering_angle={delay={time=0.08,slots=4},play={type='backlash',gap=0.05}}"
+INVERSE = 'controller.compensation={type="inverse",threshold=0.4}'  # believes in too little
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
-    [["controller.inner.k_i=2.0"], ["controller.inner.k_i=4.0"], ["controller.inner.k_i=0.0", PLAY]],
-    ids=["deadzone", "nearer", "play"],
+    [
+        ["controller.inner.k_i=2.0"],
+        ["controller.inner.k_i=4.0"],
+        ["controller.inner.k_i=0.0", PLAY],
+        ["controller.inner.k_i=2.0", INVERSE],
+    ],
+    ids=["deadzone", "nearer", "play", "inverse"],
 )
 def test_a_forklift_that_hunts_on_a_straight_route_does_so_as_predicted(settings):
     config = load(["forklift"], SIDEWAYS + settings)
     predicted = predict(config, study(config))
-    (cycle,) = [c for c in predicted.cycles[0][1][1] if c.stable]
+    cycle = [c for now in predicted.cycles[0] for c in now[1] if c.stable][-1]
     assert not any(c.stable for now in predicted.cycles[0] for c in now[0])
     timing = config.timing("tune")
     run = jax.jit(lambda: agvjax.simulate(config.controller, config.scenario, **timing))()
-    amplitude, frequency = measured(np.asarray(run.inputs)[round(40 / float(timing.dt)) :, 1], float(timing.dt))
+    sent = np.asarray(run.inputs)[round(40 / float(timing.dt)) :, 1]
+    one = way(config.controller, config.scenario, "steering_angle", 0, ())
+    amplitude, frequency = measured(wanted(one, sent)[0], float(timing.dt))
     assert cycle.amplitude == pytest.approx(amplitude, rel=0.1)
     assert cycle.frequency == pytest.approx(frequency, rel=0.05)
