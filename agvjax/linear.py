@@ -5,23 +5,20 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array
 
-from ._pytree import pytree
+from . import cut
 from .actuators.chain import Chain
-from .actuators.deadzone import Deadzone
-from .actuators.elements import Backlash, Delay, Quantisation
 from .engine import loop
 from .engine.rollout import Carry, Meter, Rollout, Row
 from .evaluate import Batch
 from .geometry import wrap
-from .protocols import Element, Law
+from .protocols import Law
 from .scenario import Scenario
 from .timing import Timing
 
@@ -47,7 +44,7 @@ class Loops(NamedTuple):
     D: Any  # (K, Q + 1, m, m)
     inputs: Any  # (K, m), what the actuators are asked for there
     change: Any  # (K, m), of these from the period before or to the next one, the larger
-    turning: Any  # (K,), rad/s, how fast the vehicle turns: as fast the loop itself may change
+    changing: Any  # (K,), rad/s, how fast the vehicle turns, or changes its speed by it: so may the loop itself
     effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
     limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
     ok: Any  # (), whether the run stayed within `scenario.limit`
@@ -64,16 +61,6 @@ def steady(loops: Loops) -> Any:
     jumps = jnp.any(loops.change > JUMP * jnp.expand_dims(loops.period, (-1, -2)) * usual, axis=-1)
     known = [jnp.isfinite(x).all(range(loops.t.ndim, x.ndim)) for x in (loops.A, loops.B, loops.C, loops.D)]
     return functools.reduce(jnp.logical_and, known) & ~loops.limited & ~weak & ~jumps
-
-
-@pytree
-class _Cut(Element):
-    """Delivers a value, whatever it is asked for."""
-
-    value: Array
-
-    def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        return self.value
 
 
 def instants(controller: Law | Batch, timing: Timing, first: float, count: int) -> tuple[int, int, int]:
@@ -108,7 +95,7 @@ def places(controller: Law, scenario: Scenario, timing: Timing) -> list[tuple[st
 def longest_delay(scenario: Scenario | Batch) -> float:
     """The longest delay [s] of an actuator, with its jitter, of a scenario or of a batch of them."""
     chains = (scenario.scenario if isinstance(scenario, Batch) else scenario).actuators
-    return max((float(np.max(np.asarray(_late(chain)))) for chain in chains.values()), default=0.0)
+    return max((float(np.max(np.asarray(cut.late(chain)))) for chain in chains.values()), default=0.0)
 
 
 def linearised(
@@ -176,11 +163,22 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
     now = asked[numbers + slots]
     ahead = jnp.minimum(numbers + every, len(asked) - slots - 1)
     change = jnp.maximum(jnp.abs(now - asked[numbers + slots - every]), jnp.abs(asked[ahead + slots] - now))
-    headings, apart = found[1].heading.ravel(), (ahead - numbers).astype(rollout.dtype) * rollout.dt
-    turning = jnp.abs(wrap(headings[ahead] - headings[numbers])) / apart
+    apart = (ahead - numbers).astype(rollout.dtype) * rollout.dt
+    changing = _changing(found[1].heading.ravel(), found[1].velocity.reshape(-1, 2), numbers, ahead) / apart
     t, limited = samples.t[:, 0], samples.limited[:, :every].any(1)
-    place = (now, change, turning, effect, limited, last.ok)
+    place = (now, change, changing, effect, limited, last.ok)
     return Loops(every * rollout.dt, t, A, B, C, D, *place, slope, history, rollout.dt)
+
+
+def _changing(heading: Array, velocity: Array, now: Array, ahead: Array) -> Array:
+    """By how much [rad] vehicles turn, or change their speed as a share of it; a crawling one's, of a tenth of the top.
+
+    Where the speed rises along a path, a vehicle that is ahead gets further ahead: no loss of stability.
+    """
+    speed = jnp.linalg.norm(velocity, axis=1)
+    floor = jnp.maximum(0.1 * jnp.max(speed), jnp.finfo(speed.dtype).tiny)
+    faster = jnp.abs(speed[ahead] - speed[now]) / jnp.maximum(speed[now], floor)
+    return jnp.hypot(wrap(heading[ahead] - heading[now]), faster)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:
@@ -203,7 +201,7 @@ def _shares(scenario: Scenario, dt: Array, slots: int, shapes: dict[str, tuple[i
     """Of a step, for how much of it the input of so many steps before acts, (m, slots); straight between steps."""
     found, ages = [], jnp.arange(slots).astype(dt.dtype)
     for name in scenario.plant.actuators:
-        late = _late(scenario.actuators.get(name, Chain())) + jnp.zeros_like(dt)
+        late = cut.late(scenario.actuators.get(name, Chain())) + jnp.zeros_like(dt)
         found += [jnp.maximum(1 - jnp.abs(late / dt - ages), 0)] * math.prod(shapes[name])
     return jnp.stack(found)
 
@@ -220,28 +218,28 @@ def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: A
     """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size and slopes (m,)."""
     scenario, shapes = rollout.scenario, _shapes(rollout)
     sizes = np.cumsum([math.prod(shapes[name]) for name in scenario.plant.actuators])[:-1].tolist()
-    chains = {name: _without(scenario.actuators.get(name)) for name in scenario.plant.actuators}
-    carry = _carried(carry, chains)
-    x0, whole = _numbers(carry)
+    chains = {name: cut.without(scenario.actuators.get(name)) for name in scenario.plant.actuators}
+    carry = cut.carried(carry, chains)
+    x0, whole = cut.numbers(carry)
 
-    def cut(delivered: Array) -> Scenario:
+    def driven(delivered: Array) -> Scenario:
         parts = zip(scenario.plant.actuators, jnp.split(delivered, sizes), strict=True)
-        zones = {n: _Cut(value=x.reshape(shapes[n])) for n, x in parts}
+        zones = {n: cut.Cut(value=x.reshape(shapes[n])) for n, x in parts}
         kept = {name: chain for name, chain in chains.items() if chain is not None}
         return dataclasses.replace(scenario, deadzone=zones, actuators=kept)
 
     def period(x: Array, delivered: Array) -> tuple[Array, Array]:
         def step(carry: Carry, given: tuple[Row, Array]) -> tuple[Carry, Array]:
             row, now = given
-            open_loop = _rollout(rollout.controller, cut(now), timing)
+            open_loop = _rollout(rollout.controller, driven(now), timing)
             later, sample = open_loop.step(carry, row)
             return later, sample.inputs
 
         later, asked = jax.lax.scan(step, whole(x), (rows, delivered))
-        return _numbers(later)[0], asked[0]
+        return cut.numbers(later)[0], asked[0]
 
     of = zip(scenario.plant.actuators, jnp.split(arrive, sizes, axis=1), strict=True)
-    zones = [_tangent(scenario.deadzone[name], u) for name, u in of]
+    zones = [cut.tangent(scenario.deadzone[name], u) for name, u in of]
     delivered, slopes = (jnp.concatenate(x, axis=1) for x in zip(*zones, strict=True))
     n, shape = x0.size, delivered.shape
     both = jax.jacfwd(lambda z: period(z[:n], z[n:].reshape(shape)))(jnp.concatenate([x0, delivered.ravel()]))
@@ -249,59 +247,3 @@ def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: A
     effect = jnp.linalg.norm(B.sum(1), axis=0)
     B, D = (jnp.moveaxis(x * slopes[None], 1, 0) for x in (B, D))
     return A, B, C, D, effect, slopes.mean(0)
-
-
-def _numbers(carry: Carry) -> tuple[Array, Callable[[Array], Carry]]:
-    """All that may vary a little, as one array, and back."""
-    leaves, tree = jax.tree.flatten((carry.flow, carry.memory))
-    moves = [jnp.issubdtype(x.dtype, jnp.floating) for x in leaves]
-
-    def whole(x: Array) -> Carry:
-        found, at = [], 0
-        for leaf, m in zip(leaves, moves, strict=True):
-            found.append(x[at : at + leaf.size].reshape(leaf.shape) if m else leaf)
-            at += leaf.size if m else 0
-        flow, memory = jax.tree.unflatten(tree, found)
-        return dataclasses.replace(carry, flow=flow, memory=memory)
-
-    return jnp.concatenate([jnp.ravel(x) for x, m in zip(leaves, moves, strict=True) if m]), whole
-
-
-def _tangent(zone: Element, u: Array) -> tuple[Array, Array]:
-    """What is delivered of an input, and its slope: that of its side within a threshold too."""
-    slope = zone.slope(u) if isinstance(zone, Deadzone) else jax.jvp(zone, (u,), (jnp.ones_like(u),))[1]
-    return zone(u), slope + jnp.zeros_like(u)
-
-
-def _late(element: Element) -> Any:
-    """How late [s] all delays of an element together are, with their jitter."""
-    return sum(part.time + part.jitter for _, part in element.elements("") if isinstance(part, Delay))
-
-
-def _without(element: Element | None) -> Element | None:
-    """An element without what is linearised elsewhere, or counts as 1; None where nothing is left."""
-    if isinstance(element, Chain):
-        parts = {name: _without(part) for name, part in element.items()}
-        kept = {name: part for name, part in parts.items() if part is not None}
-        return Chain(**kept) if kept else None
-    return None if isinstance(element, (Delay, Backlash, Quantisation)) else element
-
-
-def _part(kept: Element, tree: PyTree) -> PyTree:
-    """State or memory of what is kept of an element."""
-    return {name: _part(part, tree[name]) for name, part in kept.items()} if isinstance(kept, Chain) else tree
-
-
-def _carried(carry: Carry, chains: dict[str, Element | None]) -> Carry:
-    """States and memories of the parts that are kept."""
-
-    def of(tree: dict[str, PyTree]) -> dict[str, PyTree]:
-        return {
-            name: () if kept is None else {"deadzone": (), "rest": _part(kept, tree[name]["rest"])}
-            for name, kept in chains.items()
-        }
-
-    flow = dataclasses.replace(carry.flow, actuators=of(carry.flow.actuators))
-    return dataclasses.replace(
-        carry, flow=flow, memory=dataclasses.replace(carry.memory, actuators=of(carry.memory.actuators))
-    )

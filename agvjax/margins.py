@@ -42,7 +42,8 @@ def margins(loops: Loops) -> LoopMargins:
     """The tightest margins of a run, or of each run of a batch, over instants and actuators.
 
     Instants that are not `steady` do not count; where none is, or a loop is unstable, every margin is 0 and the
-    sensitivity `MOST`. Only frequencies above what the vehicle turns at count, as in `agvjax margins`.
+    sensitivity `MOST`. Only what is faster than the vehicle turns or changes its speed counts, as in
+    `agvjax margins`.
 
     Source: Astrom and Murray, Feedback Systems, sec. 10.3; of one actuator's loop with the others closed,
     1 + L_i = 1 / [(I - G)^-1]_ii.
@@ -64,7 +65,7 @@ def at_instants(loops: Loops, which: np.ndarray | None = None) -> LoopMargins:
     for rows in np.split(places, range(CHUNK, len(places), CHUNK)) if len(places) else ():
         v, k = rows.T
         parts = [x[v, k].astype(float) for x in (runs.A, runs.B, runs.C, runs.D)]
-        for name, values in _instants(np.broadcast_to(runs.period, len(kept))[v], *parts, runs.turning[v, k]).items():
+        for name, values in _instants(np.broadcast_to(runs.period, len(kept))[v], *parts, runs.changing[v, k]).items():
             found[name][v, k] = values
     return LoopMargins(**found)
 
@@ -78,12 +79,12 @@ def tightest(found: LoopMargins) -> LoopMargins:
 
 
 def _instants(period: np.ndarray, *parts: np.ndarray) -> dict[str, np.ndarray]:
-    """The tightest of P instants, (P,) each; of `parts` all but the last, what the vehicle turns at, are matrices."""
-    *matrices, turning = parts
-    slowest, fastest = np.log(np.maximum(SLOWEST, turning)), np.log(np.pi / period * (1 - 1e-6))
+    """The tightest of P instants, (P,) each, of their matrices and, last, how fast the loop itself changes."""
+    *matrices, changing = parts
+    slowest, fastest = np.log(np.maximum(SLOWEST, changing)), np.log(np.pi / period * (1 - 1e-6))
     omega = np.exp(slowest + (fastest - slowest) * np.linspace(0, 1, FREQUENCIES)[:, None]).T  # (P, F)
     response = _response(np.exp(1j * omega * period[:, None]), *matrices)
-    stable = _growth(period, *matrices) <= GROWTH + turning
+    stable = _growth(period, *matrices) <= GROWTH + changing
     found = _tightest(omega[:, :, None], response)
     sensitivity = np.where(stable, found.pop("sensitivity"), MOST)
     return {name: np.where(stable, x, 0) for name, x in found.items()} | {"sensitivity": sensitivity}

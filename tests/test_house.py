@@ -21,7 +21,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "engine"),
     ("agvjax", "simulate", "metrics", "metric_table", "followed"),
     ("agvjax", "evaluate"),
-    ("agvjax", "check", "feasible", "linear", "margins", "readings"),
+    ("agvjax", "check", "cut", "feasible", "linear", "margins", "readings"),
     ("agvjax", "draw"),
     ("agvjax", "__init__"),
     ("tuning", "io"),

@@ -86,7 +86,7 @@ class Loop(NamedTuple):
     """One loop, and the course of its input through what is not linear."""
 
     space: control.StateSpace
-    turning: float  # rad/s
+    changing: float  # rad/s
     way: Way
     slope: float  # that L has of the way
     wanted: np.ndarray  # (N,), the input of the way
@@ -110,7 +110,7 @@ class Loop(NamedTuple):
         level, share = self.balance(omega)
         A = amplitudes(self.way.whole, level).astype(self.wanted.dtype)
         N, mean = describing(self.way, level, share, A)
-        w = frequencies(period, self.turning)
+        w = frequencies(period, self.changing)
         return Curve(w, self.response(w), A, N / self.slope, mean)
 
     def refined(self, curve: Curve, found: Crossing, omega: float) -> Cycle:
@@ -146,11 +146,11 @@ class Loop(NamedTuple):
         period = float(self.space.dt)
         modes = np.delete(modes, np.argmin(np.abs(modes - np.exp(1j * omega * period))))
         upper = np.abs(modes[np.imag(modes) > -1e-9])  # what N says of a frequency below 0 is its conjugate
-        return bool(np.max(np.log(np.maximum(upper, 1e-300)) / period, initial=-np.inf) <= GROWTH + self.turning)
+        return bool(np.max(np.log(np.maximum(upper, 1e-300)) / period, initial=-np.inf) <= GROWTH + self.changing)
 
     def cycles(self) -> tuple[list[Cycle], Curve]:
         """All that are predicted; each with the mean over its own period."""
-        first = max(SLOWEST, self.turning)
+        first = max(SLOWEST, self.changing)
         whole = self.curve(first)
         return [c for hit in crossings(whole) if (c := self._settled(whole, hit, first)) is not None], whole
 
@@ -207,7 +207,7 @@ def _loops(found: Found, one: Way, v: int, i: int, late: float) -> list[tuple[in
             k,
             Loop(
                 found.spaces(v, k)[i],
-                float(loops.turning[v, k]),
+                float(loops.changing[v, k]),
                 one,
                 float(slopes[k]),
                 course,

@@ -68,20 +68,20 @@ def growth(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: f
     return float(np.log(np.max(np.abs(np.linalg.eigvals(closed)))) / period)
 
 
-def frequencies(period: float, turning: float = 0.0) -> np.ndarray:
+def frequencies(period: float, changing: float = 0.0) -> np.ndarray:
     """Where the loop of a vehicle that turns so fast [rad/s] is looked at [rad/s]."""
-    return np.geomspace(max(SLOWEST, turning), np.pi / period * (1 - 1e-6), FREQUENCIES)
+    return np.geomspace(max(SLOWEST, changing), np.pi / period * (1 - 1e-6), FREQUENCIES)
 
 
-def margins(space: control.StateSpace, period: float, fastest: float, turning: float = 0.0) -> Margins:
+def margins(space: control.StateSpace, period: float, fastest: float, changing: float = 0.0) -> Margins:
     """What a loop bears, by python-control, from its frequency response.
 
-    A loop that is taken at one instant says nothing of what is slower than the vehicle turns [rad/s]: it is another by
+    A loop that is taken at one instant says nothing of what is slower than it changes itself [rad/s]: it is another by
     then. So frequencies count from there on, and modes that grow faster.
     """
-    if fastest > GROWTH + turning:
+    if fastest > GROWTH + changing:
         return LOST._replace(growth=fastest)
-    response = control.frequency_response(space, frequencies(period, turning))
+    response = control.frequency_response(space, frequencies(period, changing))
     gains, phases, stability, _, crossings, _ = control.stability_margins(response, returnall=True)
     more, less = gains[gains > 1], gains[gains < 1]
     ahead = np.radians(phases) % (2 * np.pi)  # how much lag it takes at each crossing, all the way round if need be

@@ -180,10 +180,10 @@ and of {others} that were not tuned on. The loop is cut at one actuator, all oth
 of one change at that actuator the loop bears when nothing else changes: its gain up or down, lag at the frequency where
 its gain is 1, delay; Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of its
 side, backlash and rounding with 1; what a motion small beside them does, the limit cycles tell. Margins of gains
-that stand for one instant say little where the vehicle turns faster than the loop is; simulate before you rely on them.
+that stand for one instant say little where the vehicle turns or changes its speed faster: simulate, too.
 Left out are instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its
 largest in a second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and
-the column of 5 % says more. What is slower than the vehicle turns at that instant, or than {SLOWEST:g} rad/s, is
+the column of 5 % says more. What is slower than it turns or changes its speed there, or than {SLOWEST:g} rad/s, is
 another loop by then and does not count.
 
 A limit cycle is where 1 + L(jw) N(A) = 0, N the describing function of what is not linear at one actuator: deadzone,

@@ -53,7 +53,7 @@ def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> 
     period = float(loops.period[0])
     tick("margins")
     found = [
-        [_at(matrices(loops, v, k), period, loops.turning[v, k]) for k in range(settings.instants)]
+        [_at(matrices(loops, v, k), period, loops.changing[v, k]) for k in range(settings.instants)]
         for v in range(len(loops.t))
     ]
     return Found(period, loops.t[0], found, ~np.asarray(steady(loops)), loops.ok, loops)
@@ -70,8 +70,8 @@ def vehicles(config: Config) -> agvjax.Batch:
     )
 
 
-def _at(parts: Matrices, period: float, turning: float) -> list[Margins]:
+def _at(parts: Matrices, period: float, changing: float) -> list[Margins]:
     if not all(np.isfinite(x).all() for x in parts):
         return [Margins(*[np.nan] * len(Margins._fields))] * parts[-1].shape[0]
     fastest = growth(*parts, period)
-    return [margins(space, period, fastest, turning) for space in spaces(*parts, period)]
+    return [margins(space, period, fastest, changing) for space in spaces(*parts, period)]
