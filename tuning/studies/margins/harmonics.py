@@ -51,9 +51,7 @@ def balanced(
         slow = (1 - rest[1]) * amplitude * x[0] + rest[1] * y.mean() - rest[0]
         return np.concatenate([[slow], found.real, found.imag]) / amplitude
 
-    begin = np.concatenate([[mean / amplitude, 1.0, 1.0], np.zeros(2 * count - 2)])
-    solved = root(missing, begin, options={"eps": 1e-4})
-    near = all(1 / FAR < abs(x) < FAR for x in solved.x[1:3])
-    if not (np.max(np.abs(solved.fun)) < 1e-3 and near):
+    solved = root(missing, [mean / amplitude, 1.0, 1.0, *[0.0] * (2 * count - 2)], options={"eps": 1e-4})
+    if np.max(np.abs(solved.fun)) >= 1e-3 or not all(1 / FAR < x < FAR for x in solved.x[1:3]):
         return None
     return float(amplitude * solved.x[0]), float(np.ptp(course(solved.x)[1]) / 2), float(omega * solved.x[2])
