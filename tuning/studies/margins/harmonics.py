@@ -14,7 +14,6 @@ POINTS = 512  # of a period
 FAR = 2.0  # by what factor amplitude and frequency may differ from the first guess
 
 
-# long: half of it says what is balanced
 def balanced(
     way: Way,
     ratio: Callable[[np.ndarray], np.ndarray],
