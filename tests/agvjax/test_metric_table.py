@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax.metric_table import METRICS, OLD_NAMES, Followed, metrics_of
+from agvjax.metric_table import METRICS, OLD_NAMES, Followed, LoopMargins, metrics_of
 from commands import ROOT
 from tuning.config.load import load
 
@@ -30,8 +30,9 @@ IN_TOTAL_ONLY |= {
 }
 ROUTE = {name: 0.5 + i for i, name in enumerate(n for n, row in METRICS.items() if row.route)}
 FOLLOWED = Followed(**{name: np.array(value) for name, value in ROUTE.items()})
+LOOP = {"gain_margin": 3.0, "phase_margin": 0.75, "delay_margin": 0.125, "sensitivity": 1.5}
 CHANNELS = {name: np.array(values) for name, values in (BY_CHANNEL | IN_TOTAL_ONLY).items()}
-RUN = agvjax.Metrics(**CHANNELS, followed=FOLLOWED)
+RUN = agvjax.Metrics(**CHANNELS, followed=FOLLOWED, loop=LoopMargins(**LOOP))
 BY_HAND = {
     "total_rmse": 7.0,  # 4 + 9 + 36 = 49
     "effort": 9.0,  # 16 + 16 + 49 = 81
@@ -49,6 +50,7 @@ BY_HAND = {
     "reversals": 5.0,
     "limited": 0.25,
     **ROUTE,
+    **LOOP,
 }
 del BY_HAND["peak_command_heading"]  # it is called peak_heading
 
@@ -59,7 +61,8 @@ def test_every_row_of_the_table_has_its_value_by_hand():
 
 @pytest.mark.parametrize("name", [name for name, row in METRICS.items() if row.channel is None])
 def test_what_is_over_all_channels_is_an_attribute_of_the_same_name(name):
-    assert float(getattr(RUN.followed if METRICS[name].route else RUN, name)) == BY_HAND[name]
+    row = METRICS[name]
+    assert float(getattr(RUN.followed if row.route else RUN.loop if row.loop else RUN, name)) == BY_HAND[name]
 
 
 def test_every_row_can_be_named_in_toml_and_no_other():
@@ -97,7 +100,7 @@ def test_an_old_name_is_none_of_today_and_means_one_of_today():
 def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
     clock, all_channels = (set(metrics_of(x)) for x in (agvjax.Scenario.of(agvjax.Unicycle()), agvjax.Scenario()))
     assert {name for name, row in METRICS.items() if "heading" in name and not row.route} == all_channels - clock
-    assert {name for name, row in METRICS.items() if row.route} == set(METRICS) - all_channels
+    assert {name for name, row in METRICS.items() if row.route or row.loop} == set(METRICS) - all_channels
     plain = agvjax.measure(agvjax.simulate(agvjax.NeuroBackstepping(), agvjax.Scenario(), n_steps=3))
     for name in ("delivered_effort", "delivered_peak", "delivered_variation", "reversals", "limited"):
         with pytest.raises(ValueError, match="delivered=True"):

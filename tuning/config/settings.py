@@ -184,7 +184,7 @@ class Tune:
 class Pareto:
     """The front of the goal against one limit, in multiples of the starting gains'."""
 
-    metric: str = choice("effort", METRICS)
+    metric: str = choice("effort", [name for name, row in METRICS.items() if not row.loop])
     low: float = number(0.8, "times", POSITIVE)
     high: float = number(1.5, "times", POSITIVE)
     points: int = number(8, "1", STARTS)
