@@ -88,7 +88,7 @@ def statements(
     said += _alike(sound, judged, metric)
     if "identified" in judged:
         said += _beliefs(by, wrong, metric)
-    said.append(_noise(sound, by))
+    said += [_noise(sound, by), *_unfinished(judged, by, metric)]
     if lost := [LABELS[row["remedy"]] for row in made if not row["met"]]:
         said.append(f"The budget is not met on the vehicles tuned on by: {'; '.join(lost)}.")
     if over := [LABELS[row["remedy"]] for row in made if row["over"] and row["met"]]:
@@ -152,6 +152,24 @@ def _beliefs(by: Mapping[str, Json], wrong: Mapping[str, agvjax.Metrics], metric
     if parts:
         said.append(f"Tuned with the right belief, thresholds then believed: {'; '.join(parts)} times its error.")
     return said
+
+
+def _unfinished(judged: Mapping[str, Judged], by: Mapping[str, Json], metric: str) -> list[str]:
+    """What shows that searches were too short, or the vehicles tuned on too few."""
+    said = [
+        f"{LABELS[row['remedy']]} is worse than with its own gains, {row['mean_after'] / row['mean_before']:.2f} times"
+        for row in by.values()
+        if row["mean_after"] > row["mean_before"]
+    ]
+    if {"nominal", "fitted"} <= set(judged):
+        gap = difference(judged["fitted"].after[0], judged["nominal"].after[0], metric)
+        if gap.sure and gap.mean < 0:
+            ratio = by["fitted"]["mean_after"] / by["nominal"]["mean_after"]
+            said.append(
+                f"{LABELS['fitted']} could be that of {LABELS['nominal']}, and ended at {ratio:.2f} times its error"
+            )
+    why = "more tune.iterations or a larger ensemble.size are needed before small differences mean anything."
+    return [f"{'; '.join(said)}: {why}"] if said else []
 
 
 def _noise(sound: list[Json], by: Mapping[str, Json]) -> str:

@@ -195,6 +195,18 @@ def test_the_conclusion_is_that_of_numbers_known_by_hand():
     assert f"not on those judged: {LABELS['too_large']}" in said and "Diverged runs after tuning: none." in said
 
 
+def test_searches_that_were_too_short_are_said():
+    judged = {
+        "nothing": made([0.010, 0.012, 0.014, 0.016]),
+        "nominal": made([0.005, 0.006, 0.007, 0.008]),
+        "fitted": made([0.010, 0.012, 0.014, 0.016]),
+        "too_large": made([0.19, 0.21] * 2),
+    }
+    said = " ".join(words.statements(words.rows(judged, "cross_track_late"), judged, {}, "cross_track_late"))
+    assert f"{LABELS['too_large']} is worse than with its own gains, 2.00 times; {LABELS['fitted']} could be" in said
+    assert "ended at 2.00 times its error: more tune.iterations" in said
+
+
 def test_a_difference_is_told_from_chance_by_its_standard_error():
     gap = words.difference(measured([0.1, 0.3]), measured([0.2, 0.2]), "cross_track_late")
     assert (gap.mean, gap.error, gap.better, gap.sure) == (pytest.approx(0.0), pytest.approx(0.1), 0.5, False)
