@@ -1,6 +1,7 @@
 """How far a loop is from instability, as numbers that can be limited: the tightest along each run of a batch.
 
-In NumPy: it is called with numbers, not under `jax.jit`. `agvjax margins` hands the same loops to python-control.
+In NumPy: it is called with numbers, not under `jax.jit`. `agvjax margins` hands the same loops to python-control, which
+takes a frequency at a time and is some hundred times slower: too slow for what is asked at every step of a tuning.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from .metrics import Criteria
 from .protocols import Law
 from .scenario import Scenario
 from .timing import Timing
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
 
 FREQUENCIES = 60  # up to half the sampling frequency; between them the response is interpolated
 CHUNK = 32  # instants at a time, whose matrices fit into a cache's reach
@@ -84,7 +87,7 @@ def _instants(period: np.ndarray, *parts: np.ndarray) -> dict[str, np.ndarray]:
     slowest, fastest = np.log(np.maximum(SLOWEST, changing)), np.log(np.pi / period * (1 - 1e-6))
     omega = np.exp(slowest + (fastest - slowest) * np.linspace(0, 1, FREQUENCIES)[:, None]).T  # (P, F)
     response = _response(np.exp(1j * omega * period[:, None]), *matrices)
-    stable = _growth(period, *matrices) <= GROWTH + changing
+    stable = growth(period, *whole(*matrices)) <= GROWTH + changing
     found = _tightest(omega[:, :, None], response)
     sensitivity = np.where(stable, found.pop("sensitivity"), MOST)
     return {name: np.where(stable, x, 0) for name, x in found.items()} | {"sensitivity": sensitivity}
@@ -127,14 +130,19 @@ def _tightest(omega: np.ndarray, response: np.ndarray) -> dict[str, np.ndarray]:
         }
 
 
-def _growth(period: np.ndarray, A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
-    """How fast [1/s] the fastest mode of each closed loop grows, (P,)."""
+def whole(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> Matrices:
+    """State spaces of P instants, the inputs under way as states: A, B, C, D from v_0 to u, each with P in front."""
     count, late, n, m = len(A), B.shape[1] - 1, *B.shape[2:]
-    feedback = np.concatenate([C, *np.moveaxis(D[:, 1:], 1, 0)], axis=2)
-    u = np.linalg.solve(np.eye(m) - D[:, 0], feedback)
-    closed = np.zeros((count, n + m * late, n + m * late))
-    closed[:, :n] = np.concatenate([A, *np.moveaxis(B[:, 1:], 1, 0)], axis=2) + B[:, 0] @ u
+    size = n + m * late
+    whole_A, whole_B = np.zeros((count, size, size)), np.zeros((count, size, m))
+    whole_A[:, :n], whole_B[:, :n] = np.concatenate([A, *np.moveaxis(B[:, 1:], 1, 0)], axis=2), B[:, 0]
     if late:
-        closed[:, n : n + m] = u
-        closed[:, n + m :, n:-m] = np.eye(m * (late - 1))
-    return np.log(np.max(np.abs(np.linalg.eigvals(closed)), axis=1)) / period
+        whole_A[:, n + m :, n:-m] = np.eye(m * (late - 1))
+        whole_B[:, n : n + m] = np.eye(m)
+    return whole_A, whole_B, np.concatenate([C, *np.moveaxis(D[:, 1:], 1, 0)], axis=2), D[:, 0]
+
+
+def growth(period: float | np.ndarray, A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
+    """How fast [1/s] the fastest mode of a closed loop grows, of `whole` matrices; below 0 all fade."""
+    closed = A + B @ np.linalg.solve(np.eye(D.shape[-1]) - D, C)
+    return np.log(np.max(np.abs(np.linalg.eigvals(closed)), axis=-1)) / period

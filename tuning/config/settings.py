@@ -206,7 +206,7 @@ class Speed:
 class Margins:
     """Where a loop is linearised: at instants from `criteria.late` on, of vehicles that were not tuned on."""
 
-    instants: int = number(12, "along a run", STARTS)
+    instants: int = number(USUAL.instants, "along a run", STARTS)
     vehicles: int = number(64, "beside the configured one", DRIVES)
 
 

@@ -115,9 +115,8 @@ diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s
 {tables.standings(verdict.findings)}
 
 Level: of a goal relative to the starting gains, of a limit relative to its bound b, of one from below 2 - value / b: a
-limit is met at 1 or less. Price: by how much the goal would
-fall if this limit alone were relaxed by 1 %. Under each gain: relative change of the requirement per relative change
-of the gain, at the tuned gains.
+limit is met at 1 or less. Price: by how much the goal would fall if this limit alone were relaxed by 1 %. Under each
+gain: relative change of the requirement per relative change of the gain, at the tuned gains.
 
 {learned}
 

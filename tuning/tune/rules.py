@@ -124,8 +124,8 @@ def _margins(config: Config) -> list[agvjax.Fault]:
     for name in asked:
         if METRICS[name].large and not tune.limits[name].least:
             found.append(agvjax.Fault(f"tune.limits.{name}.least", False, "true: a margin is to be large"))
-    if asked and tune.optimizer not in ("sqp", "cma"):
-        rule = f"sqp or cma: {asked[0]} is not of a run, and an optimiser of optax sees nothing else"
+    if asked and not method(tune.optimizer).jacobian:
+        rule = f"sqp: {asked[0]} is not of a run, and others look at runs alone"
         found.append(agvjax.Fault("tune.optimizer", tune.optimizer, rule))
     if asked:
         try:
@@ -134,6 +134,12 @@ def _margins(config: Config) -> list[agvjax.Fault]:
             rule = f"fewer, or a longer simulate.horizon: {error}"
             found.append(agvjax.Fault("margins.instants", config.margins.instants, rule))
     return found
+
+
+def margin_faults(tune: Tune) -> list[agvjax.Fault]:
+    """Limits on margins of the loop, for commands that look at runs alone."""
+    rule = "on a metric of runs: here no loop is linearised"
+    return [agvjax.Fault(f"tune.limits.{name}", "asked for", rule) for name in tune.limits if METRICS[name].loop]
 
 
 def _why_not(metric: str) -> str:

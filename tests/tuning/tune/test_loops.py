@@ -112,12 +112,26 @@ def test_a_search_ends_on_the_limit_where_the_formula_has_it():
         ("tune.goals={sensitivity=1.0}", "tune.goals.sensitivity"),
         ("margins.instants=100000", "margins.instants"),
         ('tune.optimizer="adam"', "tune.optimizer"),
+        ('tune.optimizer="cma"', "tune.optimizer"),
     ],
 )
 def test_what_a_margin_cannot_be_is_refused(setting, key, tmp_path):
     options = ["--set", "tune.limits.phase_margin={worst=0.3,absolute=true,least=true}", "--set", setting]
     _, said = run(["tune", "--config", "base", "--out", str(tmp_path / "out"), *options], 2)
     assert key in said and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [("speed", "--within", "0.05"), ("compare", "--deadzone")])
+def test_commands_that_look_at_runs_alone_refuse_limits_on_the_loop(command, tmp_path):
+    options = ["--set", "tune.limits.delay_margin={worst=0.1,absolute=true,least=true}"]
+    _, said = run([*command, "--config", "base", "--out", str(tmp_path / "out"), *options], 2)
+    assert "tune.limits.delay_margin" in said and not (tmp_path / "out").exists()
+
+
+def test_values_of_other_metrics_are_refused_and_no_row_is_taken_for_another():
+    objective = Objective(limits=(Requirement("delay_margin", "worst", 0.5, absolute=True, least=True),))
+    with pytest.raises(ValueError, match="values of 2 metrics are needed"):
+        objective.levels(jnp.ones((1, 3)), jnp.ones(3, bool), np.ones((3, 2)))
 
 
 def test_a_run_alone_has_no_margins():

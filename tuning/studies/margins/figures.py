@@ -74,7 +74,8 @@ def cycles(curve: Curve, label: str) -> Figure:
         axes.plot(
             at.real, at.imag, "s", color="0.3", label=f"closest: |1 + L N| = {apart:.2g}, A = {curve.amplitude[a]:.3g}"
         )
-    far = max(4.0, *(1.5 * abs(curve.response[hit[1]]) for hit in found)) if found else 4.0
+    shown = [hit[1] for hit in found] or [curve.nearest()[1]]
+    far = 1.5 * max(1.0, *np.abs(curve.response[shown]))
     axes.set(xlim=(-far, far / 3), ylim=(-far * 2 / 3, far * 2 / 3), xlabel="Re L", ylabel="Im L")
     axes.legend(fontsize=8, loc="lower left")
     return drawn

@@ -11,8 +11,6 @@ from agvjax.linear import GROWTH, SLOWEST
 
 FREQUENCIES = 300  # up to half the sampling frequency
 
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
-
 
 class Margins(NamedTuple):
     """What one loop bears, all others closed as they are; 0, and infinitely much sensitivity, where it is unstable."""
@@ -27,20 +25,6 @@ class Margins(NamedTuple):
 
 
 LOST = Margins(0.0, 1.0, 0.0, 0.0, np.inf, np.nan, np.inf)
-
-
-def whole(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> Matrices:
-    """The state space of one instant with the inputs under way as states: A, B, C, D from v_0 to u."""
-    late, n, m = B.shape[0] - 1, *B.shape[1:]
-    size = n + m * late
-    whole_A, whole_B = np.zeros((size, size)), np.zeros((size, m))
-    whole_A[:n, :n], whole_B[:n] = A, B[0]
-    for q in range(late):
-        whole_A[:n, n + m * q : n + m * (q + 1)] = B[q + 1]
-    if late:
-        whole_A[n + m :, n:-m] = np.eye(m * (late - 1))
-        whole_B[n : n + m] = np.eye(m)
-    return whole_A, whole_B, np.concatenate([C, *D[1:]], axis=1), D[0]
 
 
 def spaces(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float) -> list[control.StateSpace]:
@@ -62,14 +46,8 @@ def spaces(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: f
     return found
 
 
-def growth(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float) -> float:
-    """How fast [1/s] the fastest mode of the closed loop grows; below 0 all fade."""
-    closed = A + B @ np.linalg.solve(np.eye(len(D)) - D, C)
-    return float(np.log(np.max(np.abs(np.linalg.eigvals(closed)))) / period)
-
-
 def frequencies(period: float, changing: float = 0.0) -> np.ndarray:
-    """Where the loop of a vehicle that turns so fast [rad/s] is looked at [rad/s]."""
+    """Where a loop that itself changes so fast [rad/s] is looked at [rad/s]."""
     return np.geomspace(max(SLOWEST, changing), np.pi / period * (1 - 1e-6), FREQUENCIES)
 
 

@@ -11,10 +11,11 @@ import numpy as np
 import agvjax
 from agvjax.leaves import get
 from agvjax.linear import Loops, linearised, steady
+from agvjax.margins import Matrices, growth, whole
 
 from ...config.settings import Config
 from ...ensemble.draws import sample
-from .loops import Margins, Matrices, growth, margins, spaces, whole
+from .loops import Margins, margins, spaces
 
 
 class Found(NamedTuple):
@@ -40,8 +41,9 @@ class Found(NamedTuple):
 
 def matrices(loops: Loops, *place: int) -> Matrices:
     """A, B, C and D of an instant with the inputs under way as states."""
-    A, B, C, D = (np.asarray(x)[place] for x in (loops.A, loops.B, loops.C, loops.D))
-    return whole(A, B, C, D)
+    parts = (np.asarray(x)[place][None] for x in (loops.A, loops.B, loops.C, loops.D))
+    A, B, C, D = (x[0] for x in whole(*parts))
+    return A, B, C, D
 
 
 def study(config: Config, tick: Callable[[str], object] = lambda text: None) -> Found:
@@ -73,5 +75,5 @@ def vehicles(config: Config) -> agvjax.Batch:
 def _at(parts: Matrices, period: float, changing: float) -> list[Margins]:
     if not all(np.isfinite(x).all() for x in parts):
         return [Margins(*[np.nan] * len(Margins._fields))] * parts[-1].shape[0]
-    fastest = growth(*parts, period)
+    fastest = float(growth(period, *parts))
     return [margins(space, period, fastest, changing) for space in spaces(*parts, period)]

@@ -9,6 +9,7 @@ from agvjax import Fault
 from agvjax.leaves import spread
 
 from ...config.settings import Config
+from ...tune.rules import margin_faults
 from .limits import AT_ACTUATORS
 from .remedies import core, deadzones, period_of
 
@@ -34,7 +35,7 @@ def faults(config: Config) -> list[Fault]:
 
 
 def _settings(config: Config) -> list[Fault]:
-    tune, found = config.tune, []
+    tune, found = config.tune, margin_faults(config.tune)
     own = spread(config.controller, config.controller.gains_to_tune(config.scenario.plant.commands_heading))
     if isinstance(tune.gains, str) or set(tune.gains) != set(own):
         value = tune.gains if isinstance(tune.gains, str) else ", ".join(tune.gains)

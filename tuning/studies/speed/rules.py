@@ -26,7 +26,7 @@ def faults(config: Config) -> list[Fault]:
 
 def _settings(config: Config, route: agvjax.Route) -> list[Fault]:
     """Settings under which nothing can be said of a speed."""
-    speed, tune, found = config.speed, config.tune, []
+    speed, tune, found = config.speed, config.tune, rules.margin_faults(config.tune)
     takes = float(np.asarray(route.instants)[-1])
     if not speed.within and route.half_widths is None:
         rule = "> 0 m (--within) where the route has no corridor (scenario.path.half_width)"

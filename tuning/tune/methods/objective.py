@@ -177,7 +177,13 @@ class Objective(NamedTuple):
         return np.array([2.0 if r.least else 0.0 for r in self.requirements])
 
     def levels(self, values: Float[Array, "M B"], ok: Bool[Array, " B"], baseline: Any) -> Float[Array, " R"]:
-        """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound."""
+        """Every requirement's statistic by its unit: of a goal 1 at the start, of a limit 1 at its bound.
+
+        Raises:
+            ValueError: these are not the metrics of `names`, by their number.
+        """
+        if len(values) != len(self.names):  # JAX would take another row for one that is not there
+            raise ValueError(f"values of {len(self.names)} metrics are needed, {self.names}; got {len(values)}")
         diverged = jnp.asarray(self.latched * self.scale(baseline), values.dtype)
         found = self.statistics(jnp.where(ok, values, diverged[:, None]))
         rows, columns = (list(x) for x in zip(*self.places, strict=True))

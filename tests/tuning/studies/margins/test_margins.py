@@ -11,10 +11,11 @@ import pytest
 import agvjax
 from agvjax import Chain, Delay, Lag, Timing
 from agvjax.linear import input_names, instants, linearised
+from agvjax.margins import growth
 from commands import run
 from mass import Mass, Spring, by_formula, mass
 from tuning.config import load
-from tuning.studies.margins.loops import growth, margins, spaces
+from tuning.studies.margins.loops import margins, spaces
 from tuning.studies.margins.rules import faults
 from tuning.studies.margins.study import matrices
 
@@ -23,7 +24,7 @@ def found(law, scenario, timing, first=1.0, count=2):
     loops = linearised(law, scenario, timing=timing, first=first, count=count)
     period = float(loops.period)
     return [
-        [margins(space, period, growth(*parts, period)) for space in spaces(*parts, period)]
+        [margins(space, period, float(growth(period, *parts))) for space in spaces(*parts, period)]
         for parts in (matrices(loops, k) for k in range(count))
     ]
 
