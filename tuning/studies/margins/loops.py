@@ -10,6 +10,7 @@ import numpy as np
 from agvjax.linear import GROWTH, SLOWEST
 
 FREQUENCIES = 300  # up to half the sampling frequency
+NOTHING = 1e-9  # a loop's gain that is smaller is what rounding leaves of none
 
 
 class Margins(NamedTuple):
@@ -61,7 +62,7 @@ def margins(space: control.StateSpace, period: float, fastest: float, changing: 
         return LOST._replace(growth=fastest)
     response = control.frequency_response(space, frequencies(period, changing))
     gains, phases, stability, _, crossings, _ = control.stability_margins(response, returnall=True)
-    more, less = gains[gains > 1], gains[gains < 1]
+    more, less = gains[(gains > 1) & (gains < 1 / NOTHING)], gains[gains < 1]
     ahead = np.radians(phases) % (2 * np.pi)  # how much lag it takes at each crossing, all the way round if need be
     delays = ahead / crossings if len(crossings) else np.array([])
     first = int(np.argmin(delays)) if len(delays) else None
