@@ -67,7 +67,7 @@ def cycles(curve: Curve, label: str) -> Figure:
         at = curve.response[w] + along_w * (curve.response[w + 1] - curve.response[w])
         A = curve.amplitude[a] + along_a * (curve.amplitude[a + 1] - curve.amplitude[a])
         omega = curve.omega[w] + along_w * (curve.omega[w + 1] - curve.omega[w])
-        axes.plot(np.real(at), np.imag(at), "o", color=COLORS[3], label=f"without harmonics: {A:.3g}, {omega:.3g} rad/s")
+        axes.plot(np.real(at), np.imag(at), "o", color=COLORS[3], label=f"no harmonics: {A:.3g}, {omega:.3g} rad/s")
     if not found:
         apart, w, a = curve.nearest()
         at = curve.response[w]
