@@ -35,18 +35,18 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)
     text = _followers(console, config, out) if routed else _papers(console, config, out)
-    console.say(text, f"written to {out}; begin with {out}/report.html")
+    console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0
 
 
 def _papers(console: Console, config: Config, out: Path) -> str:
-    with console.parts(len(study.laws(config.controller)) + 1, "law", (RuntimeError, ValueError)) as tick:
+    with console.parts("tuning", len(study.laws(config.controller)) + 1, "laws", (RuntimeError, ValueError)) as tick:
         comparison, tuned = study.compare(config, tick)
     return page.write(comparison, tuned, out)
 
 
 def _followers(console: Console, config: Config, out: Path) -> str:
-    with console.parts(len(followers.laws(config)) + 1, "law", (RuntimeError, ValueError)) as tick:
+    with console.parts("tuning", len(followers.laws(config)) + 1, "laws", (RuntimeError, ValueError)) as tick:
         comparison, tuned = followers.compare(config, tick)
     return followers_page.write(comparison, tuned, out)
 
@@ -58,8 +58,8 @@ def _remedies(arguments: argparse.Namespace, console: Console, config: Config) -
         asked = remedies_study.Study(config)
         count = len(asked.remedies.found)
     out = new_folder(arguments.out, arguments.command, config)
-    with console.parts(count + 2, "remedy", (RuntimeError, ValueError)) as tick:
+    with console.parts("tuning", count + 2, "remedies", (RuntimeError, ValueError)) as tick:
         tuned, wrong = remedies_study.compare(asked, tick)
     text = remedies_page.write(asked, tuned, wrong, out)
-    console.say(text, f"written to {out}; begin with {out}/report.html")
+    console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0

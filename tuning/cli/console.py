@@ -11,9 +11,10 @@ import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from tqdm import tqdm
-
 from agvjax import Fault, InputError
+
+from ..io.terminal import plain
+from .phases import Phases
 
 
 class RunFailed(Exception):
@@ -44,23 +45,35 @@ class Console:
         if not self.quiet:
             print(f"note: {text}", file=sys.stderr, flush=True)
 
-    def bar(self, total: int, unit: str, initial: int = 0, scale: bool = False) -> tqdm:
-        """A progress bar of `total` units; with `scale` their number is shown as 1.2k or 3.4M."""
-        return tqdm(total=total, initial=initial, unit=unit, unit_scale=scale, disable=self.quiet, mininterval=0.5)
+    def conclude(self, text: str, *paths: str) -> None:
+        """Print what a report, in Markdown, says in short, and where the whole of it is."""
+        self.say("", plain(text), *paths)
+
+    @contextlib.contextmanager
+    def phases(self) -> Iterator[Phases]:
+        """What the command does, phase by phase, on standard error; the last one ends with the block."""
+        phases = Phases(self.quiet)
+        try:
+            yield phases
+        except BaseException:
+            phases.end("stopped")
+            raise
+        phases.end()
 
     @contextlib.contextmanager
     def parts(
-        self, total: int, unit: str = "part", failures: tuple[type[Exception], ...] = (RuntimeError,)
+        self, name: str, total: int, unit: str = "parts", failures: tuple[type[Exception], ...] = (RuntimeError,)
     ) -> Iterator[Callable[[str], None]]:
-        """A progress bar for work in named parts: call what it yields with the name of each part that begins.
+        """A phase of work in named parts: call what it yields with the name of each part that is done.
 
         Bad input stays an `InputError`; the other `failures` of the work become a `RunFailed`.
         """
-        with self.bar(total, unit) as bar, failing(failures):
+        with self.phases() as phases, failing(failures):
+            phase = phases.begin(name, total, unit)
 
-            def tick(name: str) -> None:
-                bar.set_postfix_str(name, refresh=False)
-                bar.update()
+            def tick(part: str) -> None:
+                phase.note(part)
+                phase.advance()
 
             yield tick
 

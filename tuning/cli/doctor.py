@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
         diagnosis = doctor.diagnose(tuner)
     text = doctor.page(diagnosis)
     files.write(out / "doctor.md", text + "\n")
-    console.say(text, f"written to {out}")
+    console.conclude(doctor.brief(diagnosis), f"written to {out}; begin with {out}/doctor.md")
     if not diagnosis.healthy:
         raise RunFailed(f"something is wrong with this problem: see {out}/doctor.md")
     return 0

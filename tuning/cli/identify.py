@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = new_folder(arguments.out, arguments.command)
     more = ""
     try:
-        with console.parts(settings.drives + (settings.starts + ROUNDS if posed else 0)) as tick:
+        with console.parts("fitting", settings.drives + (settings.starts + ROUNDS if posed else 0)) as tick:
             if posed is None:
                 text = page.write_drive(room.first_drive(config, tick), out)
             else:
@@ -42,5 +42,5 @@ def run(arguments: argparse.Namespace) -> int:
         out.rmdir()  # nothing was written yet
         raise
     files.write(out / "config.toml", configuration.dump(config))
-    console.say(text, f"written to {out}{more}")
+    console.conclude(text, f"written to {out}{more}")
     return 0

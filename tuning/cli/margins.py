@@ -19,11 +19,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "tune")
-    with console.parts(3) as tick:
+    with console.parts("linearising", 3) as tick:
         found = study(config, tick)
         predicted = predict(config, found, tick)
     told = page.write(config, found, predicted, out)
-    console.say(told.text, f"written to {out}; begin with {out}/report.html")
+    console.conclude(told.text, f"written to {out}; begin with {out}/report.html")
     if told.failure:
         raise RunFailed(told.failure)
     return 0

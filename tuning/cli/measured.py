@@ -15,6 +15,9 @@ from agvjax.metric_table import METRICS, metrics_of
 from ..io.pages import grid
 
 Number = float | str  # or words where there is none
+CHANNELS = ("rmse", "rmse_late", "settling_time", "rms_command", "peak_command", "chatter")
+ROUTED = ("cross_track", "cross_track_late", "cross_track_peak_late", "heading_error", "speed_error", "pace")
+ROUTED += ("corridor_excess", "lateral_acceleration", "standstill", "time_to_finish", "total_chatter")
 RIDDEN = ("arc", "cross_track", "heading_error", "speed", "wanted")  # of a route, kept sample by sample
 Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
 
@@ -48,15 +51,14 @@ def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:
     return numbers | totals | ({} if settled else {"longest_settling_time": "not settled"})
 
 
-def tables(numbers: Numbers) -> str:
-    """The metrics by channel, how a route was followed, and what the actuators delivered."""
-    routed = {name: x for name, x in numbers.items() if name in METRICS and METRICS[name].route}
-    lines = [[name.replace("_", " "), x, METRICS[name].unit] for name, x in routed.items()]
-    route = grid(["along the route", "", "unit"], lines) + "\n\n" if routed else ""
-    rows = {name: values for name, values in numbers.items() if isinstance(values, dict)}
-    delivered = {name.removesuffix("_delivered"): rows.pop(name) for name in list(rows) if name.endswith("_delivered")}
-    limited = f"\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
-    return f"{route}{_table('metric', rows)}\n\n{_table('delivered', delivered)}{limited}"
+def brief(numbers: Numbers) -> str:
+    """The metrics that people look at: along a route where there is one, by channel elsewhere. All are in a file."""
+    routed = {name: numbers[name] for name in ROUTED if name in numbers}
+    rows = {name: values for name in CHANNELS if isinstance(values := numbers[name], dict)}
+    lines = [[name, x, METRICS[name].unit] for name, x in routed.items()]
+    table = grid(["metric", "value", "unit"], lines) if routed else _table("metric", rows)
+    limited = f"\n\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
+    return f"{table}{limited}"
 
 
 def _table(corner: str, rows: Mapping[str, Mapping[str, Number]]) -> str:

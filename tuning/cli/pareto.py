@@ -32,11 +32,12 @@ def run(arguments: argparse.Namespace) -> int:
     settings, names = config.pareto, problem.tuner.gains.names
     factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
     goal = problem.tuner.objective.goals[0].metric
-    with console.bar(len(factors), "point") as bar, failing():
+    with console.phases() as phases, failing():
+        phase = phases.begin("tuning", len(factors), "points")
 
         def done(point: pareto.Point) -> None:
-            bar.set_postfix_str(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}", refresh=False)
-            bar.update()
+            phase.note(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}")
+            phase.advance()
 
         points = pareto.front(steered(problem), settings.metric, factors, done)
     unseen = validation(config)
@@ -54,7 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     drawing = {"pareto": lambda: pareto.figure(points, uses, errors, settings.metric, goal)}
     for text in write_figures(out, drawing):
         console.note(text)
-    console.say(grid(header, rows), f"front, figure and gains written to {out}")
+    table = grid(
+        [f"{settings.metric} at most", *header[1:2], "met", *header[4:8]],
+        [[r[0], r[1], "yes" if r[2] else "no", *r[4:8]] for r in rows],
+    )
+    console.conclude(table, f"front, figure and gains written to {out}; begin with {out}/pareto.png")
     if not any(p.met for p in points):
         raise RunFailed("the limits could be met at no point of the front")
     return 0

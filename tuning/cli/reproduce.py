@@ -20,9 +20,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(bad)
     out = new_folder(arguments.out, arguments.command, config)
     options = [f"--config {name}" for name in arguments.config] + [f"--set {text}" for text in arguments.set]
-    with console.parts(paper.steps(config)) as tick:
+    with console.parts("rebuilding the paper", paper.steps(config)) as tick:
         rebuilt = paper.Reproduction(config, tick)
         lost = report.write(rebuilt, out, " ".join(["agvjax reproduce", *options]), tick)
     told = f"report, tables and figures written to {out}; begin with {out}/report.html"
-    console.say(page.summary(rebuilt), *lost, told)
+    console.conclude("\n\n".join([page.summary(rebuilt), *lost]), told)
     return 0

@@ -19,7 +19,7 @@ from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
-from .measured import arrays, divergence, numbers, tables
+from .measured import arrays, brief, divergence, numbers
 from .prepare import configure, warn
 
 NUMBERS = 60  # about so many are kept of one sample, copies among them
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
-    console.say(tables(of_metrics), f"written to {out}")
+    console.conclude(brief(of_metrics), f"written to {out}: every metric in metrics.json, figures, trajectory.npz")
     if not trajectory.ok:
         raise RunFailed(f"{divergence(trajectory, float(config.scenario.limit))} ({out})")
     return 0
@@ -109,5 +109,6 @@ def _animate(console: Console, out: Path, trajectory: agvjax.Trajectory) -> None
     except ValueError as error:  # nothing of it is finite
         console.note(f"animation.gif could not be drawn: {error}")
         return
-    with console.bar(moving.frames, "frame") as bar:
-        files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, bar.update))
+    with console.phases() as phases:
+        phase = phases.begin("drawing", moving.frames, "frames")
+        files.write_by(out / "animation.gif", lambda file: animate.write_gif(moving, file, phase.advance))

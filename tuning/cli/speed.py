@@ -33,10 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(f"{text}, so that the slowest speed sees the whole route")
     console.say("tuning at one speed after another; the first start compiles for minutes")
     study, settings = Study(config), config.speed
-    with console.parts(settings.points + settings.halvings, "speed", (RuntimeError,)) as tick:
+    with console.parts("tuning", settings.points + settings.halvings, "speeds", (RuntimeError,)) as tick:
         tried = search(study, saved.tried, saved.keep, lambda factor: tick(f"x {factor:.3g}"))
         told = page.write(study, tried, out)
-    console.say(told.text, f"written to {out}; begin with {out}/report.html")
+    console.conclude(told.text, f"written to {out}; begin with {out}/report.html")
     if told.failure:
         raise RunFailed(told.failure)
     return 0

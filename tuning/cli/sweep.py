@@ -39,11 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     verdict.bounds_of(config, plan, judges[0], manifest.block)  # before all the work, and before a file is written
     out, manifest = begun or _begin(arguments, console, manifest, configuration.dump(config))
     ticks = itertools.count()
-    with console.bar(plan.size, " scenarios", scale=True) as bar:
+    with console.phases() as phases:
+        phase = phases.begin("rolling out", plan.size, "scenarios", scale=True)
 
         def tick(scenarios: int) -> None:
-            bar.update(scenarios)
-            bar.initial = scenarios if next(ticks) == 0 else bar.initial  # an earlier start's say nothing of the rate
+            phase.advance(scenarios, before=next(ticks) == 0)
 
         try:
             work.run(out, manifest, plan, judges, int(place * manifest.shards), tick)

@@ -37,11 +37,13 @@ def run(arguments: argparse.Namespace) -> int:
         recorder.begin()
         with failing(), _together():
             outcome = _solve(console, recorder)
-            console.say("judging on tuning and validation scenarios ...")
-            verdict = judge(outcome)
-            appendix = params.write(outcome.controller, config, out) if params else ""
-            text = page.write(outcome, verdict, out, appendix)
-        console.say(text, f"gains, report and figures written to {out}; begin with {out}/report.html")
+            with console.phases() as phases:
+                phases.begin("judging")
+                verdict = judge(outcome)
+                phases.begin("drawing")
+                appendix = params.write(outcome.controller, config, out) if params else ""
+                text = page.write(outcome, verdict, out, appendix)
+        console.conclude(text, f"gains, report and figures written to {out}; begin with {out}/report.html")
     if verdict.failure:
         raise RunFailed(verdict.failure)
     return 0
@@ -66,42 +68,45 @@ def _together() -> Iterator[None]:
 
 
 def _solve(console: Console, recorder: Recorder) -> Outcome:
-    """Iterate with a bar; save now and then, at the end, and when interrupted."""
+    """Iterate phase by phase; save now and then, at the end, and when interrupted."""
     problem, first = recorder.problem, recorder.run
-    size, iterations = problem.config.ensemble.size, problem.config.tune.iterations
+    size, most = problem.config.ensemble.size, problem.config.tune.iterations
     console.say(f"tuning {', '.join(recorder.names)} on {size} scenarios; the first start compiles for a minute")
-    bar = console.bar(iterations, "it", max(p.iteration for p in first.searches))
 
-    def each(run: Run) -> None:
-        if signals:
-            raise KeyboardInterrupt
-        last = next(p for p in reversed(run.searches) if p.history)
-        row, best = last.history[-1], f"best {run.lead.best[1]:.4f}"
-        plain = f"cost {row[1]:.4f} {best} |grad| {row[5]:.2g} latched {row[4]:.0f}"
-        notes = f"generation {populations.generation(run.searches)}, {best}" if populations.drawn(last) else plain
-        bar.set_postfix_str(f"round {run.round} {notes}" if run.round else notes, refresh=False)
-        bar.update()
-        recorder.record(run)
+    with console.phases() as phases:
 
-    def looking(runs: int, sets: int) -> None:
-        if signals:
-            raise KeyboardInterrupt
-        bar.set_postfix_str(f"looking at {sets} gain sets", refresh=False)
-        bar.refresh()
+        def each(run: Run) -> None:
+            _stop(signals)
+            turn = f", round {run.round}" if run.round else ""
+            phase = phases.begin(f"tuning{turn}", unit=f"iterations of at most {most} a search")
+            last = next(p for p in reversed(run.searches) if p.history)
+            step = f"generation {populations.generation(run.searches)}" if populations.drawn(last) else ""
+            phase.note(f"{step or f'cost {last.history[-1][1]:.4f}'}, best {run.lead.best[1]:.4f}")
+            phase.advance()
+            recorder.record(run)
 
-    def searching() -> None:
-        if signals:
-            raise KeyboardInterrupt
-        bar.refresh()
-        console.say("\nlooking for the worst scenario ...")
+        def looking(runs: int, sets: int) -> None:
+            _stop(signals)
+            phase = phases.begin("looking at gain sets", unit="runs")
+            phase.advance(runs)
+            phase.note(f"{sets} gain sets left")
 
-    try:
-        with interrupts() as signals:
-            outcome = solve(readied(problem), first, each, searching, looking)
-            if signals:
-                raise KeyboardInterrupt
-        recorder.run = outcome.run
-        return outcome
-    finally:
-        bar.close()
-        recorder.close()
+        def searching() -> None:
+            _stop(signals)
+            phases.begin("searching for the worst scenario")
+
+        try:
+            with interrupts() as signals:
+                phases.begin("compiling")
+                outcome = solve(readied(problem), first, each, searching, looking)
+                _stop(signals)
+            recorder.run = outcome.run
+            return outcome
+        finally:
+            recorder.close()
+
+
+def _stop(signals: list[int]) -> None:
+    """End where Ctrl-C was swallowed on the way."""
+    if signals:
+        raise KeyboardInterrupt

@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
         files.write(out / f"config-{name}.toml", configuration.dump(config))
     from ..studies.vehicles import page, study  # late: the libraries that they import are optional
 
-    with console.parts(PARTS) as tick:
+    with console.parts("tuning and judging", PARTS) as tick:
         tables = study.study(configs, tick)
-    console.say(page.write(tables, out), f"written to {out}; begin with {out}/report.html")
+    console.conclude(page.write(tables, out), f"written to {out}; begin with {out}/report.html")
     return 0

@@ -12,7 +12,7 @@ from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
 from ..io.files import Json
-from ..io.pages import grid, html
+from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
 from .excitation import Drive
@@ -23,6 +23,17 @@ from .verdict import FitVerdict
 UNKNOWN = "not identifiable"
 COLOURED = 0.3  # correlation from row to row above which the model lacks something
 MANY = 0.03  # share of outliers beyond which something else is wrong
+CAPTIONS = {
+    "deadzones": "What every actuator delivers over what it is told, with the 95 % interval; and how often each"
+    " command came.",
+    "excitation": "Commands of the suggested drive, and where it leads.",
+    "predictions": "How the error of the prediction grows with time, on drives that were not fitted.",
+    "residuals": "What the model leaves unexplained, in standard deviations, over time; and its distribution beside the"
+    " normal.",
+    "paths": "Where the vehicle was, and where the fitted model has it in every stretch.",
+}
+ABSENT, READ = "What was looked for and is not there", "What was read"
+MOST = 6  # parameters that a terminal is told
 FEW = 10  # stretches below which the bootstrap says little
 COUNTED = {  # the fields of `Counts` in words
     "rows": "rows",
@@ -61,11 +72,8 @@ def write(config: Config, result: Identified, out: Path) -> str:
     if result.drive is not None:
         lost += _write_drive(result.drive, out)
     text = page(result, tuned, "deadzones" in drawn)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, _title(result)))
-    return "\n\n".join(
-        [table(verdict), *_warnings(result), *([predicted(result)] if result.predictions else []), *lost]
-    )
+    publish(out, text, (ABSENT, READ))
+    return "\n\n".join([brief(result), *lost])
 
 
 def write_drive(drive: Drive, out: Path) -> str:
@@ -110,6 +118,19 @@ def table(verdict: FitVerdict) -> str:
         elif e.drive:
             rows.append([e.name, UNKNOWN, "", unit, "", ""])
     return grid(["parameter", "value", "95 % interval", "unit", "deviation", "by bootstrap"], rows)
+
+
+def brief(result: Identified) -> str:
+    """For a terminal: how much is known, what speaks against it, the first values, how well other drives come out."""
+    everything = result.verdict.estimates
+    known = [e for e in everything if e.identified]
+    rows = [[e.name, f"{e.value:.4g}", f"{e.low:.4g} to {e.high:.4g}", e.unit] for e in known[:MOST]]
+    head = f"{result.verdict.identified} of {len(everything)} parameters are identified."
+    parts = [head, *_warnings(result)]
+    if rows:
+        more = f"\nand {len(known) - MOST} more, in the report" if len(known) > MOST else ""
+        parts.append(grid(["parameter", "value", "95 % interval", "unit"], rows) + more)
+    return "\n\n".join([*parts, *([predicted(result)] if result.predictions else [])])
 
 
 def predicted(result: Identified) -> str:
@@ -161,23 +182,40 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
         " Intervals take the wider of the two.",
     ]
     if deadzones:
-        parts.append("![deadzones](deadzones.png)")
+        parts.append(_picture("deadzones"))
     if lost:
         parts += [
             "## What this drive does not tell",
             grid(["parameter", "why", "what would tell it", "in scenario.toml"], lost),
         ]
     if absent:
-        parts += ["## What was looked for and is not there", grid(["parameter", ""], absent)]
+        parts += [f"## {ABSENT}", grid(["parameter", ""], absent)]
     if drive is not None:
-        parts += ["## A drive that would tell the deadzones", suggestion(drive), "![drive](excitation.png)"]
+        parts += [
+            "## A drive that would tell the deadzones",
+            suggestion(drive),
+            _picture("excitation"),
+        ]
     if predictions:
-        parts += ["## Drives it has not seen", predicted(result), METHOD, "![predictions](predictions.png)"]
-    parts += ["## What was read", "\n".join(f"- {log.name}" for log in result.task.logs)]
+        parts += [
+            "## Drives it has not seen",
+            predicted(result),
+            METHOD,
+            _picture("predictions"),
+        ]
+    parts += [f"## {READ}", "\n".join(f"- {log.name}" for log in result.task.logs)]
     parts += [grid(["", "count"], [[COUNTED[name], n] for name, n in counts.items()])]
-    parts += ["## What is left", "![residuals](residuals.png)", "![paths](paths.png)"]
+    parts += [
+        "## Residuals",
+        _picture("residuals"),
+        _picture("paths"),
+    ]
     parts += ["## Tune for it", TUNE] if result.verdict.identified else []
     return "\n\n".join(parts) + "\n"
+
+
+def _picture(name: str) -> str:
+    return picture(f"{name}.png", CAPTIONS[name])
 
 
 def _title(result: Identified) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from ..io.pages import picture
+
 CAPTIONS = {
     "fig03": "Fig. 3. Time-varying positions of the AGV",
     "fig04": "Fig. 4. Heading of the AGV (the paper: steering angle)",
@@ -39,4 +41,4 @@ def caption(name: str, figure: Figure, command: str) -> Figure:
 
 def image(name: str) -> str:
     """A figure with its caption."""
-    return f"![{CAPTIONS[name]}]({name}.png)\n\n*{CAPTIONS[name]}.*"
+    return picture(f"{name}.png", f"{CAPTIONS[name]}.")

@@ -9,8 +9,9 @@ from pathlib import Path
 from .. import config as configuration
 from ..config.settings import Config
 from ..io import files
-from ..io.pages import html
+from ..io.pages import publish
 from ..io.pictures import write_figures
+from ..io.terminal import plain
 from . import claims, figures, page, results, verdict, work
 from .design import Design
 from .laws import Laws
@@ -24,7 +25,7 @@ def conclude(
     plan: Design,
     laws: Laws,
     judges: Sequence[work.Judge],
-    say: Callable[[str], None],
+    say: Callable[..., None],
 ) -> None:
     """Write the report of a sweep whose shards are all there, unless another process does.
 
@@ -44,7 +45,7 @@ def conclude(
                 (folder / "report.html").unlink(missing_ok=True)
                 files.write(folder / "config.toml", text)
                 say("looking at the results ...")
-                say(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder))
+                say("", plain(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder)))
                 say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
                 claims.sweep_up(folder)
                 return
@@ -58,12 +59,11 @@ def _reported(folder: Path, text: str) -> bool:
 
 
 def _write(config: Config, swept: results.Results, laws: Laws, judges: Sequence[work.Judge], folder: Path) -> str:
-    """Findings, figures and report; the report as text."""
+    """Findings, figures and report; what a terminal is told."""
     judged = verdict.judge(config, swept, laws, judges)
     files.write_json(folder / "findings.json", page.as_json(swept, judged))
     drawings = figures.every(swept, judged.bounds, judged.which, judged.indices)
     lost = write_figures(folder, drawings)
     text = page.page(swept, judged, [f"{name}.png" for name in drawings], str(folder))
-    files.write(folder / "report.md", text)
-    files.write(folder / "report.html", html(text, folder, "Sweep"))
-    return "\n\n".join([text, *lost])
+    publish(folder, text, (page.METRIC_TABLE, page.WORST_TABLE))
+    return "\n\n".join([page.brief(swept, judged, str(folder)), *lost])

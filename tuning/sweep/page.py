@@ -9,7 +9,7 @@ import numpy as np
 
 from agvjax.metric_table import METRICS
 
-from ..io.pages import grid
+from ..io.pages import grid, picture
 from .design import SENSITIVITY
 from .findings import QUANTILES, worst
 from .radius import Radius
@@ -17,16 +17,39 @@ from .results import Results
 from .verdict import SweepVerdict
 
 WORST = 10  # scenarios listed
+METRIC_TABLE, WORST_TABLE = "Every metric", "The worst scenarios"
+CAPTIONS = {  # by how the name of a figure begins
+    "map_failures": "Share of the runs that fail, over two axes",
+    "map_": "Worst {} over two axes",
+    "difference_": "By how much two controllers differ, over two axes",
+    "failures": "Share of the runs that fail, along the axis",
+    "cuts": "Metrics along every axis: median, 90 % band and worst over all else; failures in red",
+    "distributions": "How the metrics are distributed over the scenarios",
+    "sensitivity_": "Which axes the metrics depend on",
+}
 
 
 def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder: str) -> str:
     """The whole report."""
-    blocks = ["# Sweep", _what(results), "## Does it fail?", _failures(results, judged)]
-    blocks += ["## How far may it drift?", *_radii(results, judged)]
-    blocks += ["## What it looks like", *(f"![{name.removesuffix('.png')}]({name})" for name in figures)]
-    blocks += ["## The metrics", _metrics(results, judged), *_sensitivity(results, judged)]
-    blocks += ["## The worst scenarios", *_worst(results, judged, folder)]
+    first, *others = [picture(name, f"{_caption(name)}.") for name in figures]
+    blocks = ["# Where do the gains fail?", _what(results), *_radii(results, judged)[:1], _failures(results, judged)]
+    blocks += [first, *(["## How far may it drift?", *further] if (further := _radii(results, judged)[1:]) else [])]
+    blocks += [*(["## Further figures", *others] if others else []), f"## {METRIC_TABLE}", _metrics(results, judged)]
+    blocks += [*_sensitivity(results, judged), f"## {WORST_TABLE}", *_worst(results, judged, folder)]
     return "\n\n".join(blocks) + "\n"
+
+
+def _caption(file: str) -> str:
+    name = file.removesuffix(".png")
+    begins = next(begin for begin in CAPTIONS if name.startswith(begin))
+    return CAPTIONS[begins].format(name.removeprefix(begins))
+
+
+def brief(results: Results, judged: SweepVerdict, folder: str) -> str:
+    """For a terminal: what fails, how far nothing was found to, and how to look at the worst."""
+    listed, radii = _listed(results, judged)[1], _radii(results, judged)[:1]
+    again = f"The worst: `agvjax simulate --from {folder} --index {listed[0][0]}`."
+    return "\n\n".join([_failures(results, judged), *radii, again])
 
 
 def _what(results: Results) -> str:
@@ -101,7 +124,7 @@ def _sensitivity(results: Results, judged: SweepVerdict) -> list[str]:
     names = ["axis", "first order", "±", "total", "±"]
     if method == "morris":
         names = ["axis", "mean of |effect|", "±", "standard deviation"]
-    blocks = ["## What they hang on"]
+    blocks = ["## Sensitivities: which axes the metrics depend on"]
     for controller, of_metric in judged.indices.items():
         for metric, indices in of_metric.items():
             if indices:

@@ -17,6 +17,7 @@ from ..io.pages import grid
 from .analysis import relative_slopes
 from .tuner import Tuner
 
+MOST = 6  # slopes that disagree which a terminal is told
 FLAT = 1e-9  # relative slope below which a requirement does not hang on a gain
 
 
@@ -126,6 +127,16 @@ def _not_finite(trajectory: Any, of: str, dt: float, index: int) -> Iterator[Sic
             if rows.any():
                 step = int(np.argmax(rows))
                 yield Sick(index, step, step * dt, f"{of}{jax.tree_util.keystr(path).lstrip('.')} is not finite")
+
+
+def brief(diagnosis: Diagnosis) -> str:
+    """For a terminal: the verdict, and what speaks against trust."""
+    verdict, *rest = reversed([line for line in page(diagnosis).splitlines() if line and not line.startswith("|")])
+    bad = [s for s in diagnosis.slopes if s.verdict == "DISAGREE"]
+    rows = [[s.requirement, s.gain, f"{s.gradient:+.6f}", f"{s.difference:+.6f}"] for s in bad[:MOST]]
+    more = [f"and {len(bad) - MOST} more, in doctor.md"] if len(bad) > MOST else []
+    table = ["", grid(["disagree", "gain", "gradient", "differences"], rows), *more] if bad else []
+    return "\n".join([verdict, *reversed(rest), *table])
 
 
 def page(diagnosis: Diagnosis) -> str:

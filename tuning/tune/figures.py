@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -116,22 +115,33 @@ def _label(standing: Standing) -> str:
 
 
 def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: str) -> Figure:
-    """Path, size of the error and of the commands, before and after."""
+    """Path, size of the errors and of the commands, before and after."""
     runs = {"starting gains": before, "tuned": after}
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    figure = Figure(figsize=(10, 5.6), layout="constrained")
     figure.suptitle(title, fontsize=10)
     heading = np.shape(before.command)[-1] == 3
-    rows: list[Any] = [["path", "position"], ["path", "heading"]] if heading else [["path", "position"]]
-    parts = figure.subplot_mosaic(rows, width_ratios=[1, 1.4])
+    names = ["position", *(["heading"] if heading else []), "command"]
+    parts = figure.subplot_mosaic([["path", name] for name in names], width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs)
+    parts["path"].get_legend().remove()
+    figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=4, loc="outside lower center")
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
-        error = plot.shown(agvjax.tracking_error(run))
-        parts["position"].semilogy(np.asarray(run.t), np.hypot(error[:, 0], error[:, 1]), label=label, **style)
+        t, error, command = np.asarray(run.t), plot.shown(agvjax.tracking_error(run)), plot.shown(run.command)
+        if run.route is None:
+            parts["position"].semilogy(t, np.hypot(error[:, 0], error[:, 1]), label=label, **style)
+            parts["command"].semilogy(t, np.hypot(command[:, 0], command[:, 1]), label=label, **style)
+        else:
+            parts["position"].semilogy(t, np.abs(plot.shown(run.route.cross_track)), label=label, **style)
+            parts["command"].plot(t, command[:, 0], label=label, **style)
         if heading:
-            parts["heading"].plot(np.asarray(run.t), error[:, 2], label=label, **style)
-            parts["heading"].set(ylabel=plot.ERRORS[2])
-        parts[rows[-1][1]].set(xlabel="time [s]")
-    parts["position"].set(ylabel="position error [m]", ylim=(1e-4, None))
-    for _, name in rows:
+            parts["heading"].plot(t, error[:, 2], label=label, **style)
+            parts["heading"].set(ylabel="heading [rad]")
+    routed = after.route is not None
+    parts["position"].set(ylabel=("distance" if routed else "position") + " [m]", ylim=(1e-4, None))
+    asked = "speed asked [m/s]" if routed else "asked [m/s$^2$]"
+    parts["command"].set(ylabel=asked, xlabel="time [s]")
+    for name in names:
         parts[name].grid(alpha=0.3)
+    for name in names[:-1]:
+        parts[name].tick_params(labelbottom=False)
     return plot.complete(figure)

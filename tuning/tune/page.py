@@ -15,14 +15,24 @@ from agvjax.metric_table import METRICS, metrics_of
 from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
-from ..io.pages import html
+from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import caveats, figures, populations, tables
 from .finer import baseline_of
+from .gains import value_of
 from .judge import TuneVerdict
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Run
 
+LINES, ROWS = 15, 7  # that a terminal is told, and of these of a table
+SENSITIVITIES, SEEN, SEARCH = "Requirements and their sensitivities", "On the scenarios tuned on", "The search"
+NOMINAL = (
+    "The configured vehicle, with the starting gains (grey, dashed) and the tuned ones (blue): its path, and over time"
+    " how far it is off and what the law asks for before the deadzone."
+)
+WORST = "The same of the scenario, of those not tuned on, in which the tuned gains have the largest error."
+SENSITIVITY = "By how many percent a requirement changes where a gain alone rises by one percent."
+HISTORY = "The search, round after round: cost and goal, the norm of the gradient, and each gain relative to its start."
 SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_chatter")
 
 
@@ -53,7 +63,7 @@ def subject(config: Any) -> str:
     size, unseen = config.ensemble.size, config.ensemble.validation_size
     return (
         f"{names[0]} for the plant {names[1]} on the path {names[2]}, {config.simulate.horizon:g} s;"
-        f" {size} scenarios tuned on, {unseen} others to judge by. agvjax {agvjax.__version__}."
+        f" {size} scenarios tuned on, {unseen} others to judge by."
     )
 
 
@@ -89,37 +99,23 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
 
 {conclusion(verdict)}
 
+{tables.changes(before["validation"], after["validation"], names)}
+
+{picture("nominal.png", NOMINAL)}
+
 ## The gains
 
 {tables.gains((*moved(outcome), *tuned.tied), config.controller, outcome.controller, tuned.stability)}
 {conditions}{tables.choice(tuned.names, problem.first, run.promises)}
 They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.toml`, in this folder.
 
-![nominal](nominal.png)
-
-## On {after["validation"].size} validation scenarios, not seen in tuning
-
-{tables.changes(before["validation"], after["validation"], names)}
+## On {after["validation"].size} scenarios that were not tuned on
 
 {tables.comparison(before["validation"], after["validation"], names)}
-
-## On the {after["tuning"].size} tuning scenarios
-
-{tables.comparison(before["tuning"], after["tuning"], names)}
 
 {explained} Mean and worst are over the runs that did not
 diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 {_path(config)}
-## What each requirement hangs on
-
-{tables.standings(verdict.findings)}
-
-Level: of a goal relative to the starting gains, of a limit relative to its bound b, of one from below 2 - value / b: a
-limit is met at 1 or less. Price: by how much the goal would fall if this limit alone were relaxed by 1 %. Under each
-gain: relative change of the requirement per relative change of the gain, at the tuned gains.
-
-{learned}
-
 ## The worst case
 
 {searched}
@@ -129,27 +125,53 @@ gain: relative change of the requirement per relative change of the gain, at the
 The box holds every value that the ensemble can draw{_cut(problem)}; "worst in the ensemble" includes scenarios that
 earlier rounds added. Searched at steps of {settings.dt:g} s.
 
-## How it went
+{picture("worst.png", WORST)}
+
+## {SENSITIVITIES}
+
+{tables.standings(verdict.findings)}
+
+Level: of a goal relative to the starting gains, of a limit relative to its bound b, of one from below 2 - value / b: a
+limit is met at 1 or less. Price: by how much the goal would fall if this limit alone were relaxed by 1 %. Under each
+gain: relative change of the requirement per relative change of the gain, at the tuned gains.
+
+{picture("sensitivity.png", SENSITIVITY)}
+
+{learned}
+
+## {SEEN}
+
+{tables.comparison(before["tuning"], after["tuning"], names)}
+
+## {SEARCH}
 
 {counts}{tables.tightened(objective.limits, run.tightened)} Seed {config.seed}, {config.precision}-bit.
 
-![cost and gains](history.png)
-
-![sensitivities](sensitivity.png)
-
-![worst](worst.png)
+{picture("history.png", HISTORY)}
 """
 
 
 def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
-    """What a terminal is told: the gains, the metrics on scenarios not seen, the verdict."""
-    problem, before, after = outcome.problem, verdict.before["validation"], verdict.after["validation"]
-    tuned, names = problem.tuner.gains, shown(problem)
-    table = tables.gains((*moved(outcome), *tuned.tied), problem.config.controller, outcome.controller, tuned.stability)
+    """What a terminal is told, in at most `LINES` lines: the verdict, goals and limits on scenarios not seen, gains."""
+    before, after = verdict.before["validation"], verdict.after["validation"]
+    names = [n for n in outcome.problem.tuner.objective.metrics if n in before.mean][:ROWS]
     first, *rest = verdict.lines
-    size = f"On {after.size} validation scenarios, not seen in tuning:"
-    told = [tables.comparison(before, after, names), "", tables.changes(before, after, names), "", first]
-    return "\n".join([table, "", size, "", *told, *(f"* {line}" for line in rest)])
+    said = rest[: max(LINES - 6 - len(names), 1)]
+    left = [f"* and {len(rest) - len(said)} more, in the report"] if len(rest) > len(said) else []
+    size = f"On {after.size} scenarios not tuned on, after / before:"
+    rows = [
+        [n, *(_times(x[n], y[n]) for x, y in ((after.mean, before.mean), (after.worst, before.worst)))] for n in names
+    ]
+    held = [name for name in moved(outcome) if not np.ndim(value_of(outcome.controller, name))][:ROWS]
+    gains = ", ".join(f"{name} {float(value_of(outcome.controller, name)):.4g}" for name in held)
+    gains += " ..." if len(held) < len(moved(outcome)) else ""
+    return "\n".join(
+        [first, *(f"* {line}" for line in said), *left, grid([size, "mean", "worst"], rows), f"Gains: {gains}"]
+    )
+
+
+def _times(new: float, old: float) -> str:
+    return f"{new / old:.3f}" if old and np.isfinite(old) else f"{new:.4g} / {old:.4g}"
 
 
 def moved(outcome: Outcome) -> tuple[str, ...]:
@@ -236,8 +258,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
     lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Tuned gains"))
+    publish(out, text, (SENSITIVITIES, SEEN, SEARCH))
     return "\n\n".join([brief(outcome, verdict), *lost])
 
 

@@ -1,6 +1,7 @@
 """What a command says, and the folders that it makes."""
 
 import contextlib
+import io
 import subprocess
 import sys
 
@@ -19,11 +20,47 @@ def test_a_quiet_console_prints_nothing(capsys):
         console.say("two", "lines")
         console.note("this")
         console.warn("an old name")
-        with console.parts(2) as tick:
+        with console.parts("fitting", 2) as tick:
             tick("first")
         out, err = capsys.readouterr()
         assert out == ("" if quiet else "two\nlines\nnote: this\n")
-        assert err == "" if quiet else "note: an old name" in err and "first" in err
+        assert err == "" if quiet else "note: an old name" in err and "fitting ... 1 parts, 0 s\n" in err
+
+
+def test_in_a_pipe_each_phase_is_one_line(capsys):
+    with Console().phases() as phases:
+        phases.begin("compiling")
+        for _ in range(3):
+            phases.begin("tuning", unit="iterations").advance()
+        phases.begin("judging", 4, "runs").advance(1234)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["compiling ... 0 s", "tuning ... 3 iterations, 0 s", "judging ... 1 234 runs, 0 s"]
+
+
+def test_a_phase_that_fails_ends_its_line_before_the_error(capsys):
+    with pytest.raises(RuntimeError), Console().phases() as phases:
+        phases.begin("tuning")
+        raise RuntimeError
+    assert capsys.readouterr().err == "tuning ... 0 s, stopped\n"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_bar_promises_a_time_left_only_once_it_can_and_leaves_one_line(monkeypatch):
+    monkeypatch.setattr("sys.stderr", Terminal())
+    with Console().phases() as phases:
+        phase = phases.begin("tuning", 5, "laws")
+        for part in ("first", "second", "third"):
+            phase.note(part)
+            phase.advance()
+        phase.note("the end")
+    text = sys.stderr.getvalue()
+    before, after = text.split("third", 1)
+    assert "left" not in before and " left" in after
+    assert text.rstrip("\n").split("\r")[-1] == "tuning: 3 laws, 0 s"
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,16 @@ from ...config import gains_table
 from ...config.settings import Config
 from ...io import files
 from ...io.files import Json
-from ...io.pages import grid, html
+from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
 from .followers import LABELS, Comparison, Tuned
 
+COMPARED = (
+    "RMS distance to the route on unseen vehicles, with each law's own gains (grey) and tuned (blue): median, quartiles"
+    " and extremes."
+)
 SHOWN = ("cross_track_late", "cross_track_peak_late", "pace", "total_chatter")
 
 
@@ -60,6 +64,16 @@ def table(made: list[Json], names: tuple[str, ...]) -> str:
         cells += [f"{row['diverged_before']} / {row['diverged_after']}", row["rollouts"], row["jacobians"]]
         lines.append(cells)
     return grid(header, lines)
+
+
+def brief(made: list[Json], names: tuple[str, ...]) -> str:
+    """The same for a terminal."""
+    lines = [
+        [LABELS[row["law"]] + ("" if row["met"] else " (limits not met)")]
+        + [f"{1e3 * row[f'{key}_{names[0]}_{when}']:.1f}" for key in ("mean", "worst") for when in ("before", "after")]
+        for row in made
+    ]
+    return grid(["distance on unseen vehicles [mm]", "mean, own gains", "tuned", "worst, own gains", "tuned"], lines)
 
 
 def statements(made: list[Json], names: tuple[str, ...]) -> list[str]:
@@ -112,9 +126,8 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     lost = write_figures(out, {"comparison": lambda: figure(found, made, names[0])})
     said = statements(made, names)
     text = _page(comparison, found, table(made, names), said)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Which law follows a route best?"))
-    return "\n".join([table(made, names), "", *said, *lost])
+    publish(out, text, ("The gains",))
+    return "\n".join([brief(made, names), "", *said, *lost])
 
 
 def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: list[str]) -> str:
@@ -142,7 +155,7 @@ of what **one** law, the configured one, achieves with its starting gains. Searc
 the best of {config.tune.screen} gain sets looked at first. The paper's law goes by the clock: what it is late by, it
 catches up.
 
-![comparison](comparison.png)
+{picture("comparison.png", COMPARED)}
 
 ## The gains
 

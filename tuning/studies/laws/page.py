@@ -13,7 +13,7 @@ from agvjax.leaves import spread
 
 from ...io import files
 from ...io.files import Json
-from ...io.pages import grid, html
+from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
@@ -60,6 +60,18 @@ def markdown(made: list[Json]) -> str:
     return grid([*header, "budget used, mean", "worst", "Jacobians", "refused", "starts left out"], lines)
 
 
+def brief(made: list[Json]) -> str:
+    """The same for a terminal."""
+    base = next(row for row in made if row["law"] == "proposed")
+    lines = [
+        [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)")]
+        + [f"{row[error] / base[error]:.3f}" for error in ("mean_after", "worst_after")]
+        + [f"{row['use_mean']:.2f}"]
+        for row in made
+    ]
+    return grid(["RMSE on unseen scenarios, of the proposed law's", "mean", "worst", "budget used"], lines)
+
+
 def statements(made: list[Json]) -> list[str]:
     """What follows from the rows, in words; nothing is said that is not computed."""
     base = next(row for row in made if row["law"] == "proposed")
@@ -103,7 +115,7 @@ def figure(found: Mapping[str, Tuned], made: list[Json]) -> Figure:
 
 
 def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
-    """Table, figure, gains and pages into a folder; returns the table."""
+    """Table, figure, gains and pages into a folder; returns what is printed."""
     made = rows(comparison, found)
     table = markdown(made)
     files.write_csv(out / "comparison.csv", made[0], [list(row.values()) for row in made])
@@ -115,9 +127,8 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
     drawing = {"comparison": lambda: caption("comparison", figure(found, made), "agvjax compare")}
     lost = write_figures(out, drawing)
     text = _page(comparison, found, table, made)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Which law is better?"))
-    return "\n".join([table, "", *statements(made), *lost])
+    publish(out, text, ("The budget", "The gains"))
+    return "\n".join([brief(made), "", *statements(made), *lost])
 
 
 # long: one template

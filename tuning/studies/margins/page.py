@@ -8,12 +8,11 @@ from typing import NamedTuple
 import control
 import numpy as np
 
-import agvjax
 from agvjax.linear import JUMP, SLOWEST
 
 from ...config.settings import Config
 from ...io import files
-from ...io.pages import grid, html
+from ...io.pages import grid, picture, publish
 from ...io.pictures import write_figures
 from . import cycles_page, figures
 from .cycles import Predicted
@@ -23,6 +22,11 @@ from .study import Found
 
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
 
+CAPTIONS = {
+    "along": "Tightest delay margin and largest Ms of every actuator's loop along the run.",
+    "bode": "Bode plot of the tightest loop, and of the configured vehicle's at the same instant.",
+    "cycles": "The loop L(jw) and -1/N of what is not linear: where they cross, a limit cycle is predicted.",
+}
 WHY = "something is at a limit there, what is asked for jumps, or a slope is not finite"
 
 
@@ -117,6 +121,17 @@ def table(found: Found, names: list[str]) -> str:
     return grid(["input", *(f"{head}, {what}" for head in heads for what in ("tightest", "5 %", "median"))], rows)
 
 
+def brief(found: Found, names: list[str]) -> str:
+    """By input the tightest of each margin, for a terminal."""
+    kinds = (("gain", 1, True), ("less", 1, False), ("phase", 180 / np.pi, True), ("delay", 1e3, True))
+    kinds += (("sensitivity", 1, False),)
+    rows = [
+        [name, *(_ends(found.values(key)[:, :, i] * scale, least)[0] for key, scale, least in kinds)]
+        for i, name in enumerate(names)
+    ]
+    return grid(["tightest at", "gain up", "gain down", "phase [degrees]", "more delay [ms]", "Ms"], rows)
+
+
 def _ends(values: np.ndarray, least: bool) -> list[float]:
     known = values[~np.isnan(values)]
     if not known.size:
@@ -148,9 +163,8 @@ def write(config: Config, found: Found, predicted: Predicted, out: Path) -> Told
         drawings["cycles"] = lambda: figures.cycles(shown[3], f"vehicle {shown[0]}, {names[shown[2]]}")
     lost = write_figures(out, drawings)
     text = _page(config, found, said, table(found, names), list(drawings))
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "How far from instability?"))
-    return Told("\n".join([*said, "", table(found, names), *lost]), failure)
+    publish(out, text)
+    return Told("\n".join([*said, "", brief(found, names), *lost]), failure)
 
 
 def _shown(found: Found, worst: Worst, names: list[str]) -> list[tuple[str, control.StateSpace]]:
@@ -165,7 +179,7 @@ def _shown(found: Found, worst: Worst, names: list[str]) -> list[tuple[str, cont
 # long: one template
 def _page(config: Config, found: Found, said: list[str], margins: str, drawn: list[str]) -> str:
     lines, others = "\n".join(f"* {line}" for line in said[1:]), len(found.ok) - 1
-    pictures = "".join(f"![{name}]({name}.png)\n\n" for name in drawn)
+    pictures = "".join(f"{picture(f'{name}.png', CAPTIONS[name])}\n\n" for name in drawn)
     return f"""# How far from instability?
 
 **{said[0]}**
@@ -192,5 +206,5 @@ there. A stable one is refined by {HARMONICS} harmonics; its amplitude is half t
 all of them, also those that are not stable, from which on a motion grows. Not told is what two actuators do together,
 what limits of the plant itself do, and what is slower than the loop is looked at.
 
-Made by `agvjax margins`, seed {config.seed}. agvjax {agvjax.__version__}.
+Made by `agvjax margins`, seed {config.seed}.
 """

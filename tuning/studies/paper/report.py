@@ -11,7 +11,7 @@ import agvjax
 
 from ...io import files
 from ...io.files import Json
-from ...io.pages import html
+from ...io.pages import publish
 from ...io.pictures import Drawing, write_figures
 from ..captions import caption
 from . import cases, figures, tables
@@ -31,8 +31,7 @@ def write(found: Reproduction, out: Path, command: str, progress: Callable[[str]
         lost += write_figures(out, {name: lambda name=name, drawing=drawing: caption(name, drawing(), command)})
         progress(f"{name}.png")
     text = markdown(found, command)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Does the paper hold?"))
+    publish(out, text)
     progress("report")
     return lost
 

@@ -14,7 +14,7 @@ from agvjax.metric_table import METRICS
 from ...config import gains_table
 from ...io import files
 from ...io.files import Json
-from ...io.pages import grid, html
+from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
@@ -47,6 +47,17 @@ def table(made: list[Json]) -> str:
             cells.append(" / ".join(f"{factor * row[f'{key}_{when}{noise}']:.4g}" for when in ("before", "after")))
         lines.append([*cells, row["gains"], f"{row['use']:.2f}"])
     return grid(header, lines)
+
+
+def brief(made: list[Json], metric: str) -> str:
+    """The same for a terminal, of tuned gains."""
+    lines = [
+        [LABELS[row["remedy"]] + ("" if row["met"] else " (budget not met)")]
+        + [f"{1e3 * row[f'{key}_after{noise}']:.4g}" for noise in ("", "_noise") for key in ("mean", "worst")]
+        for row in made
+    ]
+    unit = METRICS[metric].unit
+    return grid([f"{metric} [10^-3 {unit}]", "mean", "worst", "with noise, mean", "worst"], lines)
 
 
 def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figure:
@@ -84,9 +95,8 @@ def write(study: Study, judged: Mapping[str, Judged], wrong: Mapping[str, agvjax
     drawing = {"remedies": lambda: caption("remedies", figure(judged, made, metric), COMMAND)}
     lost = write_figures(out, drawing)
     text = _page(study, judged, made, said)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Which remedy is worth what?"))
-    return "\n".join([table(made), "", *said, *lost])
+    publish(out, text, ("The budget", "The gains"))
+    return "\n".join([brief(made, metric), "", *said, *lost])
 
 
 # long: one template

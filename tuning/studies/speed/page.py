@@ -10,7 +10,7 @@ import agvjax
 
 from ...config import dump
 from ...io import files
-from ...io.pages import grid, html
+from ...io.pages import grid, picture, publish
 from ...io.pictures import Drawing, write_figures
 from . import figures
 from .place import Place, place
@@ -18,6 +18,8 @@ from .study import Study, at
 from .tried import Answer, Tried, answer
 
 FASTEST = "fastest.toml"
+CURVE = "Largest distance to the route of the worst unseen vehicle over the speed that is asked for, tuned and not."
+PLACE = "Where on the route the worst vehicle is farthest off."
 
 
 class Told(NamedTuple):
@@ -107,8 +109,7 @@ def write(study: Study, tried: list[Tried], out: Path) -> Told:
     said = sentences(tried, found, within, config.ensemble.validation_size)
     said += [f"At {p.tried.speed:.3g} m/s it binds {p.words}." for p in places]
     text = _page(study, tried, said, places)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "How fast may it go?"))
+    publish(out, text, ("Every speed that was tried", "The gains"))
     return Told("\n".join([*said, *lost]), "" if found.best is not None else said[0])
 
 
@@ -119,7 +120,7 @@ def _page(study: Study, tried: list[Tried], said: list[str], places: list[Place]
     law = config.controller.inner if isinstance(config.controller, agvjax.Sampled) else config.controller
     gains = grid(["speed [m/s]", *names], [[t.speed, *t.gains] for t in tried if not t.why])
     limits, unseen = ", ".join(config.tune.limits) or "none", config.ensemble.validation_size
-    where = "![place](place.png)\n" if places else ""
+    where = f"{picture('place.png', PLACE)}\n" if places else ""
     run = ""
     if answer(tried, within).best is not None:
         run = f"\nThe fastest that holds is `{FASTEST}`: `agvjax simulate --config {FASTEST}`, in this folder.\n"
@@ -133,7 +134,7 @@ def _page(study: Study, tried: list[Tried], said: list[str], places: list[Place]
 largest of a run to the nearest point of the route, of {unseen} vehicles that were not tuned on. They count when the
 start is over: after {config.speed.after:g} s at the configured speed, and after as much way at any other.
 
-![speed](speed.png)
+{picture("speed.png", CURVE)}
 
 {where}
 ## Every speed that was tried
@@ -156,5 +157,5 @@ the gap above the highest that holds up to {config.speed.halvings} times. Betwee
 
 {gains}
 
-Made by `agvjax speed`, seed {config.seed}. agvjax {agvjax.__version__}.
+Made by `agvjax speed`, seed {config.seed}.
 """

@@ -14,12 +14,19 @@ from agvjax.draw import animate, plot
 from ... import config as configuration
 from ...io import files
 from ...io.files import Json
-from ...io.pages import grid, html
+from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import Drawing, write_figures
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
 
 MEASURED = ("largest after 4 s [mm]", "RMSE [m]", "settles [s]")
+CAPTIONS = {
+    "paper": "Distance to the reference over time with the paper's gains, at several periods and delays.",
+    "limits": "The same with limits and 20 ms of delay: the paper's gains, and those tuned for it.",
+    "car": "The car's path over two laps, and the distance of its front axle to the reference.",
+    "robot": "Paths of the robot in MuJoCo, with the paper's and the tuned gains.",
+    "moving": "The robot in MuJoCo on the circle, with the paper's and the tuned gains.",
+}
 SHOWN = "circle"  # of the robot's paths the one that is animated
 
 
@@ -40,9 +47,8 @@ def write(study: Study, out: Path) -> str:
         moving = _robot_runs(study, SHOWN)
         files.write_by(out / "robot.gif", lambda file: animate.write_gif(animate.animation(moving), file))
     text = page(study)
-    files.write(out / "report.md", text)
-    files.write(out / "report.html", html(text, out, "Vehicles one can meet"))
-    return "\n\n".join([_limited(study), _car(study), *([_robot(study)] if study.robot else []), *study.without, *lost])
+    publish(out, text)
+    return "\n\n".join([_limited(study), _brief_car(study), *study.without, *lost])
 
 
 def findings(study: Study) -> Json:
@@ -64,8 +70,12 @@ def page(study: Study) -> str:
     """`report.md`."""
     missing = "".join(f"\nNot run: {text}.\n" for text in study.without)
     peak = study.peaks["acceleration"]
-    robot = f"{_robot(study)}\n\n![robot](robot.png)\n\n![animation](robot.gif)" if study.robot else "Not run."
-    return f"""# What is left of the controller on vehicles one can meet
+    robot = (
+        f"{_robot(study)}\n\n{picture('robot.png', CAPTIONS['robot'])}\n\n{picture('robot.gif', CAPTIONS['moving'])}"
+        if study.robot
+        else "Not run."
+    )
+    return f"""# Does the law survive a real vehicle?
 {missing}
 ## A vehicle that rolls, the paper's gains
 
@@ -76,7 +86,7 @@ The first command asks for {study.peaks["virtual"]:.0f} m/s^2 in the plane, in t
 {study.lost} of {study.starts} starts within 0.5 m are lost. The heading is internal: it follows from how the reference
 point moves and is not scored against the bearing. delta_psi adds to its rate, as a drift that turns body and velocity.
 
-![errors](paper.png)
+{picture("paper.png", CAPTIONS["paper"])}
 
 ## The same vehicle with limits of 3 m/s^2 and 6 rad/s^2 and 20 ms of delay
 
@@ -85,7 +95,7 @@ point moves and is not scored against the bearing. delta_psi adds to its rate, a
 Anti-windup bounds the correction asked of the virtual control, takes back from the command filter what could not be
 applied, and stops the integral meanwhile.
 
-![errors](limits.png)
+{picture("limits.png", CAPTIONS["limits"])}
 
 ## A car: BMW 320i, front axle on a dumbbell of 80 m by 80 m, two laps at 50 Hz, 20 ms late
 
@@ -95,7 +105,7 @@ Largest distance of the front axle after {CAR_LATE:g} s, over {CAR_STARTS} start
 within 30 % that the tuning did not see. Centre of gravity and rear axle cut the corner: that is how far they are off
 the path. "Limited" is the largest share of a run in which an actuator or the law itself was at its limit.
 
-![car](car.png)
+{picture("car.png", CAPTIONS["car"])}
 
 ## A robot in MuJoCo, tuned on our plant
 
@@ -130,6 +140,11 @@ def _car(study: Study) -> str:
         cells += [f"{row['steering_rate']:.2f}", f"{row['limited']:.1%}"]
         rows.append([name, *cells, f"{row['center of gravity']:.2f}", f"{row['rear axle']:.2f}"])
     return grid([*header, "centre of gravity [m]", "rear axle [m]"], rows)
+
+
+def _brief_car(study: Study) -> str:
+    rows = [[name, f"{row['late']:.3f}" if row["ok"] else "diverges"] for name, row in study.car.items()]
+    return grid(["car", "front axle, largest distance [m]"], rows)
 
 
 def _robot(study: Study) -> str:
