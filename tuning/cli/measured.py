@@ -56,7 +56,7 @@ def brief(numbers: Numbers) -> str:
     routed = {name: numbers[name] for name in ROUTED if name in numbers}
     rows = {name: values for name in CHANNELS if isinstance(values := numbers[name], dict)}
     lines = [[name, x, METRICS[name].unit] for name, x in routed.items()]
-    table = grid(["metric", "value", "unit"], lines) if routed else _table("metric", rows)
+    table = grid(["metric", "value", "unit"], lines) if "cross_track" in routed else _table("metric", rows)
     limited = f"\n\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
     return f"{table}{limited}"
 

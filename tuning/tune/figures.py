@@ -46,7 +46,8 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
             said = "_" if turn else ""  # one label a line, whatever the number of rounds
             cost.plot(iteration, column["cost"][rows], color="0.6", lw=1, label=said + "cost = goal + penalty")
             cost.plot(iteration, column["goal"][rows], color="tab:blue", lw=1.3, label=said + "goal")
-            norm.semilogy(iteration, column["gradient_norm"][rows], color="tab:orange", lw=1)
+            if np.any(column["gradient_norm"][rows] > 0):  # generations of CMA-ES have none
+                norm.semilogy(iteration, column["gradient_norm"][rows], color="tab:orange", lw=1)
             for i, k in enumerate(drawn):
                 values = table[rows, len(COLUMNS) + k] / start[k]
                 gain.semilogy(iteration, values, color=f"C{i}", lw=1.2, label=said + names[k])
@@ -65,7 +66,10 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
 
 def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
     """Plain numbers on both, and below the gains their names in columns."""
-    for part in (norm, gain):  # plain numbers, those between powers of ten where there is room
+    if not norm.lines:
+        norm.text(0.5, 0.5, "the best were found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
+        norm.set(yticks=[])
+    for part in (norm, gain) if norm.lines else (gain,):  # plain numbers, those between powers of ten where there is room
         low, top = part.get_ylim()
         part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

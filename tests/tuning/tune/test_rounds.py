@@ -32,3 +32,13 @@ def test_an_earlier_round_is_drawn_by_the_search_that_it_went_on_from():
     figure = history_figure(("k1", "k2"), (1.0, 1.0), Run(1, (search(1.5),), {}, (), tuple(past)))
     drawn = [line.get_ydata()[0] for line in figure.axes[0].get_lines() if line.get_label() in ("goal", "_goal")]
     assert drawn == [2.0, 1.5]
+
+
+def test_a_history_without_gradients_says_so_and_draws_the_rest():
+    """As generations of CMA-ES leave it; a logarithmic axis of no positive number would warn, which is an error here."""
+    found = search(1.0)
+    row = (*found.history[0][:5], np.nan, *found.history[0][6:])
+    figure = history_figure(("k1", "k2"), (1.0, 1.0), Run(0, (found._replace(history=[row]),), {}, (), ()))
+    figure.draw_without_rendering()
+    assert [text.get_text() for text in figure.axes[1].texts] == ["the best were found without gradients"]
+    assert len(figure.axes[2].get_lines()) == 2
