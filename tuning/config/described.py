@@ -134,7 +134,8 @@ def _merged(rows: list[tuple[str, Described]]) -> Described:
                 types.setdefault(text, []).append(kind)
         if len(types) < 2:
             return next(iter(types), "")
-        return apart.join(f"{text} ({', '.join(dict.fromkeys(kinds))})" for text, kinds in types.items())
+        said = ((text, ", ".join(dict.fromkeys(filter(None, kinds)))) for text, kinds in types.items())
+        return apart.join(f"{text} ({kinds})" if kinds else text for text, kinds in said)
 
     parts = {name: words(name, " or " if name == "kind" else "; ") for name in Described._fields[1:]}
     return Described(key=rows[0][1].key, **parts)
@@ -211,7 +212,7 @@ def _any_name(key: str, name: str, holders: tuple[Any, ...]) -> Rows:
             rule = "a name in scipy.stats, with its parameters beside it" if word == "distribution" else ""
             yield "", Described(f"{place}.{word}", "a value", "", "", rule, _first_line(cls))
     if key == "ensemble.draws":
-        text = "of a distribution: whether it is of a factor on the nominal value"
+        text = "beside a distribution: whether it is of a factor on the nominal value"
         yield "", Described(f"{place}.times", "true or false", text=text)
     if key == "sweep.over":
         text = "how many, of a grid; without it samples are drawn"
