@@ -7,14 +7,12 @@ import dataclasses
 import sys
 from pathlib import Path
 
-import jax
+from agvjax import Fault, InputError
 
-from agvjax import Fault, InputError, path_warnings
-
-from ..config import begun, whereabouts
+from ..config import begun
 from ..config.load import load
 from ..io import files
-from ..tune.rules import faults, moving
+from ..tune.rules import faults
 from .answers import chosen, numbers_of, unfit
 from .console import Console
 from .questions import BY_CLOCK, KINDS
@@ -25,11 +23,10 @@ def run(arguments: argparse.Namespace) -> int:
     console, out = Console(arguments.quiet), Path(arguments.out)
     if out.exists() or not out.parent.is_dir():
         raise InputError([Fault("--out", str(out), "a new file in a folder that is there")])
-    asks = not arguments.quiet and sys.stdin.isatty() and sys.stdout.isatty()
+    asks = not arguments.quiet and interactive()
     kind = arguments.vehicle or chosen(asks, "--vehicle", "Which vehicle?", KINDS)
     unfit(arguments, kind)
     numbers = numbers_of(arguments, kind, asks, console)
-    jax.config.update("jax_enable_x64", True)
     text = begun.by_clock(kind, numbers) if kind in BY_CLOCK else _followed(arguments, kind, numbers, asks, console)
     notes = _written(out, text)
     for note in notes:
@@ -42,6 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
         "  agvjax export tuned/gains.toml --format c --out controller",
     )
     return 0
+
+
+def interactive() -> bool:
+    """Whether somebody can be asked."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _followed(arguments: argparse.Namespace, kind: str, numbers: dict[str, float], asks: bool, console: Console) -> str:
@@ -68,13 +70,7 @@ def _written(out: Path, text: str) -> list[str]:
     notes: list[str] = []
     try:
         files.write(part, text)
-        config = load([str(part)], (), faults, note=notes.append)
-        if wrong := whereabouts.faults(config, moving(config)):
-            raise InputError(wrong)
-        notes += [
-            f"the path cannot be followed exactly: {x}" for x in path_warnings(config.scenario, config.simulate.horizon)
-        ]
-        notes += whereabouts.notes(config, moving(config))
+        load([str(part)], (), faults, note=notes.append)
         files.write(out, text)
     except OSError as error:
         raise InputError([Fault("--out", str(out), f"a file that can be written ({error})")]) from error

@@ -13,6 +13,7 @@ import numpy as np
 import agvjax
 
 from ..io import csv_file
+from .fields import USUAL
 from .load import PRESETS
 from .recipes import RECIPES
 
@@ -21,7 +22,6 @@ COARSE = 0.01  # s, the largest step
 EASY = 0.8  # of what the vehicle can do, that its path asks of it: feedback needs the rest
 SIDEWAYS = 0.5  # of its acceleration: a wheel must change its speed where an arc begins
 LAPS, REST = 1.3, 5.0  # times its time on the path, and s more: laws are slower in turns than the path asks
-SAMPLES = 64  # of the default ensemble
 SPREAD = {  # how far numbers are drawn about the given ones, times; as those of the presets base and forklift
     "threshold": (0.6, 0.6),
     "slope": (0.1, 0.1),
@@ -29,8 +29,9 @@ SPREAD = {  # how far numbers are drawn about the given ones, times; as those of
     "lag": (0.45, 0.65),
     "acceleration": (0.3, 0.2),
 }
+SIZE = 256  # vehicles to tune on: of PID's gains for 64, one of 256 others swayed, 0.5 m either way
 START, TURNED, DRIFT = 0.2, 0.3, 0.02  # m across, rad and rad/s, either way
-SLOPE = 0.95  # of a motor beyond its deadzone: what the vehicles of this package have
+RECTANGLE = [[5.0, 0.0], [10.0, 0.0], [10.0, 5.0], [0.0, 5.0], [0.0, 0.0]]  # m, the built-in path
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,6 +106,7 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
     route = _route(kind, numbers, path)
     laid = RECIPES[agvjax.Route].make(route)
     assert isinstance(laid, agvjax.Route)
+    position, heading = _start(laid)
     lines = [
         f"# {kind}, to be tuned: agvjax tune --config THIS_FILE. What a key means: agvjax explain KEY",
         "",
@@ -114,7 +116,7 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
         if "tolerance" in route or "radius" in route
         else "# a smooth curve through the points",
         f"scenario.path = {_toml(route)}",
-        f"scenario.start = {_toml(_start(laid))}",
+        f"scenario.start = {_toml({'position': position, 'heading': heading})}",
         "# below these values nothing moves; and how late commands are [s], slots enough for the latest at this rate",
         f"scenario.deadzone = {_toml({name: _zone(name, kind, numbers) for name in actuators})}",
         f"scenario.actuators = {_toml({name: {'delay': _delay(numbers)} for name in actuators})}",
@@ -122,11 +124,12 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
         "# the computer, one command a period [s], and the law that is tuned",
         f"controller = {_toml({'type': 'sampled', 'period': period, 'inner': _inner(law, numbers)})}",
         "",
-        "# a run [s] is the whole path and a little more; the start is over after `late`",
+        "# a run [s] is the whole path and a little more",
         *_runs(laid, period, numbers),
         "",
-        "# how uncertain all this is: every vehicle that is tuned for is drawn so",
-        *_draws(kind, numbers, actuators, laid),
+        f"# how uncertain all this is: {SIZE} vehicles are drawn so; of gains for fewer, a rare one may sway",
+        f"ensemble.size = {SIZE}",
+        *_draws(kind, numbers, actuators, heading),
     ]
     if within is not None:
         limit = {"worst": within, "absolute": True}
@@ -153,18 +156,20 @@ def _route(kind: str, numbers: Mapping[str, float], path: Points | None) -> dict
     limits = {"acceleration": EASY * limit, "deceleration": EASY * limit, "lateral_acceleration": SIDEWAYS * limit}
     rest = {**speed, "limits": limits}
     if path is None:
-        corners, radius = [[1.0, 0.0], [10.0, 0.0], [10.0, 5.0], [0.0, 5.0], [0.0, 0.0]], 1.0
-        rounded = radius if kind in ("differential", "twist") else max(radius, 1.5 * numbers["wheelbase"])
-        return {"type": "route", "points": corners, "radius": rounded, "closed": True, **rest}
+        radius = 1.0 if kind in ("differential", "twist") else max(1.0, 1.5 * numbers["wheelbase"])
+        size = max(1.0, radius / 2)  # of a truck: so that its corners have room
+        corners = [[size * x, size * y] for x, y in RECTANGLE]
+        return {"type": "route", "points": corners, "radius": radius, "closed": True, **rest}
     columns = {"columns": path.columns} if path.columns else {}
     corner = {"tolerance": numbers["corner"]} if path.cornered else {}
     return {"type": "route", "file": path.file, **columns, "closed": path.closed, **corner, **rest}
 
 
-def _start(route: agvjax.Route) -> dict[str, object]:
-    """Where the path begins, looking along it."""
-    x, y = np.round(np.asarray(route(np.float64(0.0)), float), 6).tolist()
-    return {"position": [x + 0.0, y + 0.0], "heading": round(float(route.bearing(np.float64(0.0))), 6) + 0.0}
+def _start(route: agvjax.Route) -> tuple[list[float], float]:
+    """Where [m] the path begins, and the heading [rad] along it; of its first piece, without waking JAX."""
+    table, sign = np.asarray(route.table), float(np.asarray(route.legs)[3, 0])
+    heading = math.atan2(sign * table[7, 0], sign * table[1, 0])
+    return [round(float(x), 6) + 0.0 for x in table[[0, 6], 0]], round(heading, 6) + 0.0
 
 
 def _zone(actuator: str, kind: str, numbers: Mapping[str, float]) -> dict[str, float]:
@@ -192,16 +197,16 @@ def _runs(route: agvjax.Route, period: float, numbers: Mapping[str, float]) -> l
     dt = period / math.ceil(period / COARSE - 1e-9)
     lap = route.lap()
     long = LAPS * (route.end() if lap is None else lap) + REST
-    late = max(4.0, 2 + 2 / numbers["speed"])
+    late = round(max(float(USUAL.late), 2 / numbers["speed"]), 1)
     horizon = max(math.ceil(max(long, 2 * late) / period), 1) * period
     return [
         f"simulate = {_toml({'horizon': horizon, 'dt': dt})}",
         f"tune.dt = {_number(dt)}",
-        f"criteria.late = {_number(round(late, 1))}",
+        *([f"criteria.late = {_number(late)}"] if late != USUAL.late else []),
     ]
 
 
-def _draws(kind: str, numbers: Mapping[str, float], actuators: tuple[str, str], route: agvjax.Route) -> list[str]:
+def _draws(kind: str, numbers: Mapping[str, float], actuators: tuple[str, str], heading: float) -> list[str]:
     """What is drawn: a line for the deadzones of each actuator, the delays, the vehicle and the start."""
     wide = numbers["uncertainty"]
 
@@ -215,8 +220,7 @@ def _draws(kind: str, numbers: Mapping[str, float], actuators: tuple[str, str], 
     if kind == "twist":
         motors = {"time_constants": times("lag"), "accelerations": times("acceleration")}
     drift = {"drift": {"between": [-DRIFT * wide, DRIFT * wide]}}
-    bearing = float(route.bearing(np.float64(0.0)))
-    across = [START * wide * abs(round(side, 3)) for side in (math.sin(bearing), math.cos(bearing))]
+    across = [START * wide * abs(round(side, 3)) for side in (math.sin(heading), math.cos(heading))]
     start = {
         "position": {"plus": [[-far, far] for far in across]},
         "heading": {"plus": [-TURNED * wide, TURNED * wide]},
