@@ -15,9 +15,9 @@ def run(arguments: argparse.Namespace) -> int:
     for one in _all(top):
         for action in one._actions:
             if action.metavar and any(end in str(action.metavar) for end in (".toml", ".csv", ".py", ".yaml")):
-                action.complete = shtab.FILE  # pyright: ignore[reportAttributeAccessIssue]
+                vars(action)["complete"] = shtab.FILE
             elif action.metavar == "DIR":
-                action.complete = shtab.DIRECTORY  # pyright: ignore[reportAttributeAccessIssue]
+                vars(action)["complete"] = shtab.DIRECTORY
     print(shtab.complete(top, arguments.shell))
     return 0
 

@@ -29,7 +29,7 @@ SPREAD = {  # how far numbers are drawn about the given ones, times; as those of
     "lag": (0.45, 0.65),
     "acceleration": (0.3, 0.2),
 }
-SIZE = 256  # vehicles to tune on: of PID's gains for 64, one of 256 others swayed, 0.5 m either way
+TURNS, ROUND = 0.5, 1.5  # s, within which a yaw rate that is asked for can be reached; times the most of its path
 START, TURNED, DRIFT = 0.2, 0.3, 0.02  # m across, rad and rad/s, either way
 RECTANGLE = [[5.0, 0.0], [10.0, 0.0], [10.0, 5.0], [0.0, 5.0], [0.0, 0.0]]  # m, the built-in path
 
@@ -87,6 +87,7 @@ def _column(name: str, there: list[str]) -> str:
     return next((column for want in wanted for column in there if column.lower() == want), "")
 
 
+# long: the file from its first line to its last
 def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | None, within: float | None = None) -> str:
     """The text of a file that `agvjax tune --config` takes.
 
@@ -122,13 +123,12 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
         f"scenario.actuators = {_toml({name: {'delay': _delay(numbers)} for name in actuators})}",
         "",
         "# the computer, one command a period [s], and the law that is tuned",
-        f"controller = {_toml({'type': 'sampled', 'period': period, 'inner': _inner(law, numbers)})}",
+        f"controller = {_toml({'type': 'sampled', 'period': period, 'inner': _inner(law, kind, numbers, laid)})}",
         "",
         "# a run [s] is the whole path and a little more",
         *_runs(laid, period, numbers),
         "",
-        f"# how uncertain all this is: {SIZE} vehicles are drawn so; of gains for fewer, a rare one may sway",
-        f"ensemble.size = {SIZE}",
+        "# how uncertain all this is: every vehicle that is tuned for is drawn so",
         *_draws(kind, numbers, actuators, heading),
     ]
     if within is not None:
@@ -182,14 +182,31 @@ def _delay(numbers: Mapping[str, float]) -> dict[str, float]:
     return {"time": numbers["delay"], "slots": max(2, 1 + math.ceil(longest * numbers["rate"] - 1e-9))}
 
 
-def _inner(law: str, numbers: Mapping[str, float]) -> dict[str, object]:
-    """The law; no slower than its deadzone lets it move, and no faster than its path."""
+def _inner(law: str, kind: str, numbers: Mapping[str, float], route: agvjax.Route) -> dict[str, object]:
+    """The law; no slower than its deadzone lets it move, no faster than its path, and turning no faster than it can.
+
+    With gains tuned for 64 of them, one of 256 vehicles swayed by half a metre where 1.5 rad/s could be asked for that
+    its wheels reach within a second only; where 1 rad/s could, none did.
+    """
     speed = numbers["speed"]
     slow = min(max(2 * numbers["deadzone"], 0.1 * speed), speed)
     table = {"type": law, "min_approach_linear_velocity": slow}
+    if kind in ("differential", "twist"):
+        quick = (
+            2 * numbers["acceleration"] / numbers["track"] if kind == "differential" else numbers["turn_acceleration"]
+        )
+        table["max_angular_velocity"] = round(max(TURNS * quick, ROUND * _turning(route)), 2)
     if law == "regulated_pure_pursuit":
         table |= {"desired_linear_vel": speed, "use_velocity_scaled_lookahead_dist": True}
     return table
+
+
+def _turning(route: agvjax.Route) -> float:
+    """The largest yaw rate [rad/s] of a path, where its pieces begin."""
+    _, x, xx, *_ = table = np.asarray(route.table)
+    y, yy = table[7], table[8]
+    curvature = 2 * np.abs(x * yy - y * xx) / np.hypot(x, y) ** 3
+    return float(np.max(curvature * np.sqrt(np.asarray(route.squares)[0])))
 
 
 def _runs(route: agvjax.Route, period: float, numbers: Mapping[str, float]) -> list[str]:

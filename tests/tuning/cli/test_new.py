@@ -87,6 +87,16 @@ def test_a_run_is_the_whole_path_from_its_beginning(agv):
     assert agv.criteria.late < 0.25 * agv.simulate.horizon
 
 
+def test_it_may_ask_for_a_yaw_rate_that_its_wheels_reach_in_half_a_second_and_its_corners_need(agv):
+    """2 x 0.5 m/s^2 over a track of 0.5 m are 2 rad/s^2; corners of 0.6 m at 0.39 m/s need 0.64 rad/s."""
+    assert agv.controller.inner.max_angular_velocity == pytest.approx(1.0, abs=0.01)
+    numbers = {name: question.default.get("differential", 0.0) for name, question in QUESTIONS.items()}
+    slow = begun.problem("differential", {**numbers, "acceleration": 0.1, "corner": 0.25}, "path_pid", None)
+    most = tomllib.loads(slow)["controller"]["inner"]["max_angular_velocity"]
+    sideways = np.sqrt(0.5 * 0.1 / 1.0)  # rad/s, at half of 0.1 m/s^2 round a radius of 1 m
+    assert most == pytest.approx(1.5 * sideways, rel=0.02)
+
+
 def test_draws_lie_about_the_numbers_that_were_given(agv):
     draws = agv.ensemble.draws
     low, high = draws["deadzone.left.threshold_right"].box(0.05)
