@@ -51,7 +51,11 @@ class Scaled(Split):
 
 @pytree
 class Cosine(Scaled):
-    """Section 4: amplitude * cos(omega t + phase)."""
+    """Section 4: amplitude * cos(omega t + phase).
+
+    Attributes:
+        phase: at t = 0.
+    """
 
     amplitude: Real = number(0.2, UNIT, ANY, "sec. 4", shape=(3,))
     omega: Real = number(0.5, "rad/s", NONNEGATIVE, "sec. 4", shape=(3,))
@@ -64,7 +68,12 @@ class Cosine(Scaled):
 
 @pytree
 class Step(Scaled):
-    """0 before `time`, the amplitude from then on."""
+    """0 before `time`, the amplitude from then on.
+
+    Attributes:
+        amplitude: from `time` on.
+        time: when it begins.
+    """
 
     amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))
     time: Real = number(4.0, "s", ANY)
@@ -80,7 +89,13 @@ class Step(Scaled):
 
 @pytree
 class CosineSum(Split):
-    """A sum of M cosines, the same in all three channels."""
+    """A sum of M cosines, the same in all three channels.
+
+    Attributes:
+        amplitudes: of each cosine.
+        omegas: angular frequency of each cosine.
+        phases: of each cosine at t = 0.
+    """
 
     amplitudes: Float[Array, " M"] = number((0.1, 0.1), UNIT, ANY, shape=(None,))
     omegas: Float[Array, " M"] = number((0.5, 2.0), "rad/s", NONNEGATIVE, shape=(None,))
@@ -97,7 +112,13 @@ class CosineSum(Split):
 
 @pytree
 class Tone:
-    """What pushes in one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase)."""
+    """What pushes in one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase).
+
+    Attributes:
+        constant: a constant push.
+        cosine: times cos(omega t + phase).
+        sine: times sin(omega t + phase).
+    """
 
     constant: Real = number(0.0, CHANNEL_UNIT, ANY)
     cosine: Real = number(0.0, CHANNEL_UNIT, ANY)
@@ -106,7 +127,15 @@ class Tone:
 
 @pytree
 class Harmonic(Split):
-    """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log."""
+    """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log.
+
+    Attributes:
+        x: what pushes along x.
+        y: what pushes along y.
+        heading: what adds to the yaw rate.
+        omega: angular frequency of all channels.
+        phase: at t = 0.
+    """
 
     x: Tone = Tone()
     y: Tone = Tone()
@@ -131,6 +160,13 @@ class BandLimitedNoise(Scaled):
 
     The sum of `terms` cosines in each channel, one in each of as many equal parts of the band. Where in its part, and
     with which phase, is drawn by a hash of the seed: the channels are uncorrelated, and nothing repeats soon.
+
+    Attributes:
+        amplitude: root mean square over a long time.
+        low: lowest angular frequency.
+        high: highest angular frequency.
+        seed: of the noise.
+        terms: cosines that it is a sum of.
     """
 
     amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))

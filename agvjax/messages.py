@@ -45,7 +45,13 @@ class Reference:
 
 @pytree
 class Start:
-    """Where a run begins (section 4)."""
+    """Where a run begins (section 4).
+
+    Attributes:
+        position: of the vehicle's reference point.
+        velocity: of the reference point.
+        heading: of the vehicle, from the x axis to the y axis.
+    """
 
     position: Float[Array, "2"] = number((-0.5, 0.5), "m", ANY, "sec. 4", shape=(2,))
     velocity: Float[Array, "2"] = number((0.1, 0.1), "m/s", ANY, "sec. 4 (reading R15)", shape=(2,))

@@ -26,6 +26,7 @@ class Metric(NamedTuple):
     Attributes:
         name: in Python (`metrics[name]`), TOML, tables and docs.
         unit: of its values, for tables.
+        text: what it is, for people.
         heading: whether it is there only where the heading can be commanded.
         delivered: whether it is there only with `Criteria.delivered`.
         route: whether it is there only where the path is a route.
@@ -37,6 +38,7 @@ class Metric(NamedTuple):
 
     name: str
     unit: str
+    text: str = ""
     heading: bool = False
     delivered: bool = False
     route: bool = False
@@ -46,54 +48,57 @@ class Metric(NamedTuple):
     channel: int | None = None
 
 
-def _by_axis(name: str, position: str, heading: str, field: str = "") -> list[Metric]:
+def _by_axis(name: str, position: str, heading: str, text: str, field: str = "") -> list[Metric]:
     units = (position, position, heading)
-    return [Metric(f"{name}_{a}", units[i], heading=i == 2, field=field or name, channel=i) for i, a in enumerate(AXES)]
+    return [
+        Metric(f"{name}_{a}", units[i], f"{text} of {a}", heading=i == 2, field=field or name, channel=i)
+        for i, a in enumerate(AXES)
+    ]
 
 
 METRICS: dict[str, Metric] = {
     row.name: row
     for row in (
-        Metric("total_rmse", "m, rad"),
-        Metric("effort", "mixed"),
-        Metric("peak_position", "m/s^2"),
-        Metric("peak_heading", "rad/s", heading=True),
-        Metric("total_chatter", "mixed"),
-        Metric("longest_settling_time", "s"),
-        Metric("total_iae", "mixed"),
-        Metric("total_ise", "mixed"),
-        Metric("total_itae", "mixed"),
-        *_by_axis("rmse", "m", "rad"),
-        *_by_axis("rmse_late", "m", "rad"),
-        *_by_axis("overshoot", "m", "rad"),
-        *_by_axis("settling_time", "s", "s", field="sloped_settling_time"),
-        *_by_axis("rms_command", "m/s^2", "rad/s"),
-        *_by_axis("peak_command", "m/s^2", "rad/s")[:2],  # that of the heading is `peak_heading`
-        *_by_axis("chatter", "m/s^2", "rad/s"),
-        Metric("delivered_effort", "of the actuators", delivered=True),
-        Metric("delivered_peak", "of the actuators", delivered=True),
-        Metric("delivered_variation", "of the actuators", delivered=True),
-        Metric("reversals", "times", delivered=True),
-        Metric("limited", "share of the time", delivered=True),
-        Metric("cross_track", "m", route=True),
-        Metric("cross_track_late", "m", route=True),
-        Metric("cross_track_peak", "m", route=True),
-        Metric("cross_track_peak_late", "m", route=True),
-        Metric("heading_error", "rad", route=True),
-        Metric("along_track", "m", route=True),
-        Metric("speed_error", "m/s", route=True),
-        Metric("pace", "s/m", route=True),
-        Metric("outside_corridor", "share of the time", route=True),
-        Metric("corridor_excess", "m", route=True),
-        Metric("corridor_excess_late", "m", route=True),
-        Metric("lateral_acceleration", "m/s^2", route=True),
-        Metric("jerk", "m/s^3", route=True),
-        Metric("standstill", "share of the time", route=True),
-        Metric("time_to_finish", "s", route=True),
-        Metric("gain_margin", "times", loop=True, large=True),
-        Metric("phase_margin", "rad", loop=True, large=True),
-        Metric("delay_margin", "s", loop=True, large=True),
-        Metric("sensitivity", "1", loop=True),
+        Metric("total_rmse", "m, rad", "root of the sum of the squared RMS errors of all channels"),
+        Metric("effort", "mixed", "RMS of the command of all channels, before the deadzone"),
+        Metric("peak_position", "m/s^2", "largest command of x or y"),
+        Metric("peak_heading", "rad/s", "largest command of the heading", heading=True),
+        Metric("total_chatter", "mixed", "total variation of the command, summed over the channels"),
+        Metric("longest_settling_time", "s", "settling time of the channel that settles last"),
+        Metric("total_iae", "mixed", "integral of the size of the error, summed over the channels"),
+        Metric("total_ise", "mixed", "integral of the squared error, summed over the channels"),
+        Metric("total_itae", "mixed", "integral of time times the size of the error, summed over the channels"),
+        *_by_axis("rmse", "m", "rad", "RMS error over the run"),
+        *_by_axis("rmse_late", "m", "rad", "RMS error after criteria.late"),
+        *_by_axis("overshoot", "m", "rad", "furthest beyond zero from where the error started"),
+        *_by_axis("settling_time", "s", "s", "last time outside criteria.band", field="sloped_settling_time"),
+        *_by_axis("rms_command", "m/s^2", "rad/s", "RMS of the command"),
+        *_by_axis("peak_command", "m/s^2", "rad/s", "largest command")[:2],  # that of the heading is `peak_heading`
+        *_by_axis("chatter", "m/s^2", "rad/s", "total variation of the command"),
+        Metric("delivered_effort", "of the actuators", "RMS of what all actuators deliver", delivered=True),
+        Metric("delivered_peak", "of the actuators", "largest of what an actuator delivers", delivered=True),
+        Metric("delivered_variation", "of the actuators", "summed variation of what actuators deliver", delivered=True),
+        Metric("reversals", "times", "how often what actuators deliver changes direction", delivered=True),
+        Metric("limited", "share of the time", "how long an actuator or the law is at its limit", delivered=True),
+        Metric("cross_track", "m", "RMS distance to the nearest point of the route", route=True),
+        Metric("cross_track_late", "m", "RMS distance to the route after criteria.late", route=True),
+        Metric("cross_track_peak", "m", "largest distance to the route", route=True),
+        Metric("cross_track_peak_late", "m", "largest distance to the route after criteria.late", route=True),
+        Metric("heading_error", "rad", "RMS angle between the vehicle and the route's tangent", route=True),
+        Metric("along_track", "m", "RMS way by which the vehicle is ahead of or behind the clock", route=True),
+        Metric("speed_error", "m/s", "RMS difference to the route's speed profile", route=True),
+        Metric("pace", "s/m", "time for each metre of the route", route=True),
+        Metric("outside_corridor", "share of the time", "how long it is outside the corridor", route=True),
+        Metric("corridor_excess", "m", "the most beyond the corridor", route=True),
+        Metric("corridor_excess_late", "m", "the most beyond the corridor after criteria.late", route=True),
+        Metric("lateral_acceleration", "m/s^2", "largest speed times yaw rate", route=True),
+        Metric("jerk", "m/s^3", "RMS change of the acceleration along the route", route=True),
+        Metric("standstill", "share of the time", "how long it stands although something is asked of it", route=True),
+        Metric("time_to_finish", "s", "when it is at the end; infinite if never", route=True),
+        Metric("gain_margin", "times", "by which the gain of one actuator may grow", loop=True, large=True),
+        Metric("phase_margin", "rad", "by which the phase of one actuator may lag", loop=True, large=True),
+        Metric("delay_margin", "s", "more delay that the loop bears", loop=True, large=True),
+        Metric("sensitivity", "1", "Ms, largest |1 / (1 + L)| of the linearised loop L", loop=True),
     )
 }
 

@@ -22,6 +22,16 @@ class Scenario:
     limits and delays for one, is in `actuators`, a `Chain` for each that has any. `heading` None asks for the path's
     own reading (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit`, its
     position counted from where the path is and its heading without whole turns, has diverged and is latched.
+
+    Attributes:
+        plant: the vehicle.
+        deadzone: of each actuator that the plant names.
+        actuators: what else the signal of an actuator runs through after its deadzone: limits, delays, lags.
+        disturbance: what pushes the vehicle.
+        path: what is to be followed.
+        heading: which heading is asked for; none: the path's own reading.
+        sensor: noise on what is measured; none: all is measured exactly.
+        start: where, how fast and in which direction a vehicle begins.
     """
 
     plant: Plant = Decoupled()

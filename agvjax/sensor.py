@@ -26,6 +26,13 @@ class Noise(Sensor):
     """White Gaussian noise on what is measured, drawn anew at every control instant; standard deviations.
 
     The numbers depend on the seed and on how many instants there were, on nothing else.
+
+    Attributes:
+        position: standard deviation of x and y.
+        velocity: standard deviation of the velocity, along x and y.
+        heading: standard deviation of the heading.
+        yaw_rate: standard deviation of the yaw rate.
+        seed: of the noise.
     """
 
     position: Real = number(2e-3, "m", NONNEGATIVE)

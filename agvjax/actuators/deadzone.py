@@ -15,6 +15,12 @@ class Deadzone(Element):
 
     Slopes and thresholds are magnitudes (reading R1: the paper's section 4 prints a negative left threshold,
     which eq. (11) does not allow).
+
+    Attributes:
+        slope_right: share of a positive command, beyond its threshold, that is delivered.
+        slope_left: share of a negative command, beyond its threshold, that is delivered.
+        threshold_right: up to this command nothing is delivered.
+        threshold_left: down to minus this command nothing is delivered.
     """
 
     slope_right: Real = number(1.0, "1", POSITIVE, "Pi_r, eq. (11)")

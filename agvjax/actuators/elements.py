@@ -19,7 +19,12 @@ from ..protocols import Element, Reach
 
 @pytree
 class Saturation(Element):
-    """Delivers no more than `upper` and no less than `lower`."""
+    """Delivers no more than `upper` and no less than `lower`.
+
+    Attributes:
+        upper: the most that is delivered.
+        lower: the least that is delivered.
+    """
 
     upper: Real = number(1.0, "unit of the command", ANY, above="lower")
     lower: Real = number(-1.0, "unit of the command", ANY)
@@ -40,7 +45,11 @@ class Saturation(Element):
 
 @pytree
 class Quantisation(Element):
-    """Rounds to multiples of `step`. Its slope is taken as 1: rounding itself has none (straight-through)."""
+    """Rounds to multiples of `step`. Its slope is taken as 1: rounding itself has none (straight-through).
+
+    Attributes:
+        step: what is delivered is a multiple of it.
+    """
 
     step: Real = number(0.01, "unit of the command", POSITIVE)
 
@@ -55,7 +64,11 @@ class Quantisation(Element):
 
 @pytree
 class Lag(Element):
-    """A first-order lag, at rest at the start."""
+    """A first-order lag, at rest at the start.
+
+    Attributes:
+        time_constant: of the lag.
+    """
 
     time_constant: Real = number(0.05, "s", POSITIVE)
 
@@ -81,6 +94,9 @@ class Backlash(Element):
     """Play in a gear: the output stands still until the input has crossed the gap, `gap` wide in all.
 
     Exact where the input is monotonous within a step.
+
+    Attributes:
+        gap: width of the play, in all.
     """
 
     gap: Real = number(0.1, "unit of the command", NONNEGATIVE)
@@ -116,7 +132,11 @@ class RateLimitMemory:
 
 @pytree
 class RateLimit(Element):
-    """Follows the command no faster than `rate`, from 0 at the start. Over a step it delivers the mean of its ramp."""
+    """Follows the command no faster than `rate`, from 0 at the start. Over a step it delivers the mean of its ramp.
+
+    Attributes:
+        rate: how fast it follows at most.
+    """
 
     rate: Real = number(1.0, "unit of the command per s", POSITIVE)
 
@@ -158,6 +178,12 @@ class Delay(Element):
     It remembers the last `slots` changes of its input: for an input that changes every P seconds that must be at least
     1 + (time + jitter) / P, rounded up. Within a step in which a command arrives its mean is delivered, which also
     gives the delay a slope.
+
+    Attributes:
+        time: how late each command is.
+        jitter: the most that a command is late besides.
+        seed: of the jitter.
+        slots: how many changes of its input it remembers.
     """
 
     time: Real = number(0.02, "s", NONNEGATIVE)

@@ -79,6 +79,11 @@ class Inverse(Compensation):
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the inverse
     with the step; smoothed as is usual.
+
+    Attributes:
+        believed: the deadzones that it inverts; the scenario's unless told.
+        slope: times the believed slopes.
+        threshold: times the believed thresholds.
     """
 
     believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)

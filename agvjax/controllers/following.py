@@ -76,7 +76,14 @@ REGULATION = ("regulated_linear_scaling_min_radius", "regulated_linear_scaling_m
 
 @pytree
 class Regulated(Follower):
-    """A follower that slows down where it turns, as Nav2's regulated pure pursuit does, under its names."""
+    """A follower that slows down where it turns, as Nav2's regulated pure pursuit does, under its names.
+
+    Attributes:
+        regulated_linear_scaling_min_radius: turns tighter than this are slowed.
+        regulated_linear_scaling_min_speed: but never below this.
+        min_approach_linear_velocity: never slower until it has arrived; less than the deadzone and it stands before.
+        max_angular_velocity: what a yaw rate is clipped to.
+    """
 
     regulated_linear_scaling_min_radius: Real = number(
         0.9, "m", NONNEGATIVE, "Nav2: turns tighter than this are slowed"

@@ -22,6 +22,11 @@ class PathLQR(Regulated):
 
     `PathLQR.designed` solves for the gains at the nodes: e' = v e_psi, e_psi' = v u, with u the curvature added to
     the route's, held for a period, at the least integral over the way of q_y e^2 + q_psi e_psi^2 + r u^2.
+
+    Attributes:
+        speeds: speeds that the gains are for, rising.
+        k_y: gain on the deviation at each of the speeds.
+        k_psi: gain on the heading error at each of the speeds.
     """
 
     speeds: Any = number((0.2, 0.4, 0.8, 1.6), "m/s, of the nodes, rising", POSITIVE, shape=(None,))

@@ -20,6 +20,13 @@ class PathPID(Regulated):
 
     e [m] is the deviation to the left of travel, e_psi [rad] the heading's, kappa_d the route's curvature, looked at
     `ahead` seconds before it is needed. I is the integral of e, kept within +-`windup`.
+
+    Attributes:
+        k_y: gain on the deviation from the route.
+        k_psi: gain on the heading error.
+        k_i: gain on the integral of the deviation.
+        ahead: how early the route's curvature is looked at.
+        windup: the most that the integral may become.
     """
 
     k_y: Real = number(6.0, "1/m^2", POSITIVE)

@@ -25,6 +25,16 @@ class RegulatedPurePursuit(Regulated):
 
     The carrot is the first point of the route ahead of the nearest one whose distance is the look-ahead; beyond the end
     of a leg it is the end. kappa = 2 y / distance^2, y across the vehicle; w = v kappa.
+
+    Attributes:
+        desired_linear_vel: speed that it wants; the route's profile limits it too.
+        lookahead_dist: distance to the carrot, unless it grows with speed.
+        min_lookahead_dist: the least distance to the carrot, where it grows with speed.
+        max_lookahead_dist: the largest distance to the carrot, where it grows with speed.
+        lookahead_time: distance to the carrot over speed.
+        approach_velocity_scaling_dist: way before the end on which it slows down.
+        use_velocity_scaled_lookahead_dist: whether the distance to the carrot grows with speed.
+        use_regulated_linear_velocity_scaling: whether it slows down in turns.
     """
 
     desired_linear_vel: Real = number(0.5, "m/s", POSITIVE, NAV2 + ", the route's profile limits it too")

@@ -41,7 +41,11 @@ class NoAntiWindup(AntiWindup):
 
 @pytree
 class BackCalculation(AntiWindup):
-    """The law knows what it may ask for, and takes back from its own state what it may not."""
+    """The law knows what it may ask for, and takes back from its own state what it may not.
+
+    Attributes:
+        limits: what may be asked of each input.
+    """
 
     speed: Real | None = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
     limits: Float[Array, " m"] | None = number(
@@ -84,6 +88,15 @@ class Sampled(Allocating):
     With a `prediction` the law acts on where the vehicle will be when its command arrives. What it wants runs through
     `vehicle.allocate`, then `compensation` of the deadzones, then the limits of `anti_windup`; what these cut off is
     taken back from the law by what is believed to be delivered of the rest.
+
+    Attributes:
+        inner: the law that it runs.
+        vehicle: what it takes the vehicle for; the scenario's unless told.
+        period: time between two commands: one over the control rate.
+        anti_windup: what the law is told of the limits of its inputs.
+        compensation: the inverse of the deadzones.
+        prediction: what it does against delay.
+        euler: whether the law is stepped by Euler's method.
     """
 
     inner: Law = NeuroBackstepping()

@@ -43,7 +43,12 @@ class Dumbbell(Path):
 
 @pytree
 class Circle(Path):
-    """A circle about the origin, counter-clockwise from (radius, 0)."""
+    """A circle about the origin, counter-clockwise from (radius, 0).
+
+    Attributes:
+        radius: of the circle.
+        omega: laps in 2 pi seconds.
+    """
 
     radius: Real = number(1.0, "m", POSITIVE)
     omega: Real = number(0.5, "rad/s", POSITIVE)
@@ -60,7 +65,12 @@ class Circle(Path):
 
 @pytree
 class Lemniscate(Path):
-    """Bernoulli's lemniscate, half-width `amplitude`, starting at (amplitude, 0)."""
+    """Bernoulli's lemniscate, half-width `amplitude`, starting at (amplitude, 0).
+
+    Attributes:
+        amplitude: half its width.
+        omega: laps in 2 pi seconds.
+    """
 
     amplitude: Real = number(1.0, "m", POSITIVE)
     omega: Real = number(0.5, "rad/s", POSITIVE)
@@ -82,7 +92,12 @@ class Lemniscate(Path):
 
 @pytree
 class Line(Path):
-    """A straight line from `origin` at constant velocity."""
+    """A straight line from `origin` at constant velocity.
+
+    Attributes:
+        origin: where it begins.
+        velocity: along it.
+    """
 
     origin: Float[Array, "2"] = number((0.0, 0.0), "m", ANY, shape=(2,))
     velocity: Float[Array, "2"] = number((0.5, 0.0), "m/s", ANY, shape=(2,))

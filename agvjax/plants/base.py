@@ -182,6 +182,11 @@ class Ackermann(Driven):
 
     The steering angle follows with a lag and no faster than `steering_rate`, within `largest_angle`; where the wheel is
     `behind`, a positive angle turns the vehicle to the right when it drives forwards, and so is sent negative.
+
+    Attributes:
+        acceleration: most of the speed.
+        steering_rate: how fast the steering angle changes at most.
+        behind: whether the steered wheel is behind the fixed axle, as that of a forklift.
     """
 
     wheelbase: Real = number(1.2, "m", POSITIVE, "from the fixed axle to the steered one")

@@ -39,7 +39,11 @@ class TorqueDrive:
 
 @pytree
 class SpeedDrive:
-    """Motors with a speed loop of their own, which are given wheel speeds [rad/s]: torque = gain (asked - actual)."""
+    """Motors with a speed loop of their own, which are given wheel speeds [rad/s]: torque = gain (asked - actual).
+
+    Attributes:
+        gain: how hard the motors' own speed loop pulls.
+    """
 
     gain: Real = number(2.0, "Nm s/rad", POSITIVE)
 
@@ -66,6 +70,15 @@ class DifferentialDrive(Rolling):
     inertia + J track^2 / (2 R^2). Friction at each wheel is Coulomb's, smoothed below `creep`, and viscous. Casters
     that slide, half of them ahead of the axle and half behind, resist along their own motion. The defaults are those of
     the robot in `tuning/vehicles/robot.xml`, the friction of its casters counted at the wheels.
+
+    Attributes:
+        mass: wheels' inertia included.
+        inertia: about the vertical, wheels' inertia included.
+        wheel_radius: of the driven wheels.
+        track: distance between the wheels.
+        viscous: friction of a wheel in proportion to its speed.
+        road_slope: rise of the floor along x and y.
+        drive: what the motors are sent: torques, or speeds of the wheels.
     """
 
     L: Real = number(0.15, "m", POSITIVE, "eq. (2)")

@@ -11,74 +11,38 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from ..export import FORMATS
 from ..io.numbers import integer, real
 from .early import end_at_once
+from .options import Command, Option, flag, many, option
+from .questions import COMPLETION, EXPLAIN, NEW
 
-
-class Option(NamedTuple):
-    """An option as `argparse` takes it: its names and keywords."""
-
-    names: tuple[str, ...]
-    keywords: dict[str, Any]
-
-
-class Command(NamedTuple):
-    """One command: a line of help and the options that the other commands do not have."""
-
-    help: str
-    options: tuple[Option, ...] = ()
-    example: str = "--out mine"
-
-
-def _option(*names: str, **keywords: Any) -> Option:
-    return Option(names, keywords)
-
-
-def _many(name: str, metavar: str, help: str, **keywords: Any) -> Option:
-    """An option that may be given several times."""
-    return _option(name, action="append", metavar=metavar, help=help, **{"default": []} | keywords)
-
-
-def _flag(name: str, help: str) -> Option:
-    return _option(name, action="store_true", help=help)
-
-
-COMMON = (
-    _many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car, robot, base, forklift are built in"),
-    _many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
-    _many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
-    _option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),
-    _option("--seed", type=integer, help="seed of every random number (default: 0)"),
-    _option("--precision", type=integer, choices=(32, 64), help="bits of a floating-point number (default: 64)"),
-    _flag("--quiet", "print nothing but errors"),
-)
 SHARED = (
-    _option("--num-processes", type=integer, metavar="N", help="how many processes share the work (default: 1)"),
-    _option("--process-id", type=integer, metavar="K", help="which of them this is, from 0 (default: 0)"),
+    option("--num-processes", type=integer, metavar="N", help="how many processes share the work (default: 1)"),
+    option("--process-id", type=integer, metavar="K", help="which of them this is, from 0 (default: 0)"),
 )
 SIMULATE = Command(
     "roll one vehicle out and write trajectory, metrics, figures",
     (
-        _flag("--animate", "draw the run as a moving picture, animation.gif"),
-        _option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
-        _option("--index", type=integer, metavar="N", help="which vehicle of the sweep"),
-        _option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
+        flag("--animate", "draw the run as a moving picture, animation.gif"),
+        option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
+        option("--index", type=integer, metavar="N", help="which vehicle of the sweep"),
+        option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
     ),
 )
 TUNE = Command(
     "tune the gains over an ensemble and write a report",
     (
-        _flag("--resume", "go on with the run in --out, to the same result"),
-        _option(
+        flag("--resume", "go on with the run in --out, to the same result"),
+        option(
             "--params",
             metavar="FILE.yaml",
             help="start from Nav2's parameters of regulated pure pursuit, write tuned ones",
         ),
-        _option("--controller", metavar="ID", help="which of its controllers, if there are several"),
-        _option(
+        option("--controller", metavar="ID", help="which of its controllers, if there are several"),
+        option(
             "--coordinator",
             metavar="HOST:PORT",
             default=os.environ.get("JAX_COORDINATOR_ADDRESS"),
@@ -90,54 +54,53 @@ TUNE = Command(
 SWEEP = Command(
     "roll out many vehicles, on a grid or at random, and see where the gains fail",
     (
-        _many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
-        _flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
-        _option(
+        many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
+        flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
+        option(
             "--samples", type=integer, metavar="N", help="scenarios at each node of the grid, or in all (default: 1)"
         ),
-        _option(
+        option(
             "--design",
             metavar="NAME",
             help="random, sobol, latin; saltelli or morris for sensitivities (default: random)",
         ),
-        _many("--controller", "FILE|LAW", "another controller beside the configured one"),
+        many("--controller", "FILE|LAW", "another controller beside the configured one"),
         *SHARED,
-        _flag("--resume", "refuse to begin anew; the same command goes on by itself"),
+        flag("--resume", "refuse to begin anew; the same command goes on by itself"),
     ),
 )
 SPEED = Command(
     "how fast a vehicle may go on its route, tuned at every speed, and where that binds",
     (
-        _option("--within", type=real, metavar="M", help="m that it may lie off the route (default: its corridor)"),
-        _flag("--resume", "go on with the run in --out, to the same result"),
+        option("--within", type=real, metavar="M", help="m that it may lie off the route (default: its corridor)"),
+        flag("--resume", "go on with the run in --out, to the same result"),
     ),
     "--config base --within 0.05",
 )
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
-        _option(
+        option(
             "logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any a drive to record is suggested"
         ),
-        _many("--unseen", "LOG.csv", "a drive to predict with what was identified"),
-        _option(
-            "--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"
-        ),
+        many("--unseen", "LOG.csv", "a drive to predict with what was identified"),
+        option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"),
     ),
 )
 EXPORT = Command(
     "the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO",
     (
-        _option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
-        _option("--format", choices=FORMATS, required=True),
-        _option("--name", help="of files, functions and package (default: one for each format)"),
+        option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
+        option("--format", choices=FORMATS, required=True),
+        option("--name", help="of files, functions and package (default: one for each format)"),
     ),
 )
 COMPARE = Command(
     "tune every law to the same command budget and judge it on unseen scenarios",
-    (_flag("--deadzone", "the remedies against the deadzone instead: network, slopes, observer, inverses"),),
+    (flag("--deadzone", "the remedies against the deadzone instead: network, slopes, observer, inverses"),),
 )
 COMMANDS = {
+    "new": NEW,
     "simulate": SIMULATE,
     "tune": TUNE,
     "sweep": SWEEP,
@@ -152,7 +115,10 @@ COMMANDS = {
     "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
     "identify": IDENTIFY,
     "export": EXPORT,
+    "explain": EXPLAIN,
+    "completion": COMPLETION,
 }
+EXIT_CODES = {0: "success", 1: "the run failed", 2: "bad input: one message names every bad key", 130: "interrupted"}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -170,18 +136,17 @@ def parser() -> argparse.ArgumentParser:
     top.set_defaults(coordinator=None)  # of the commands that have no such option
     top.add_argument("--version", action="store_true", help="print the version and end")
     commands = top.add_subparsers(dest="command")
-    common = _with(_Parser(add_help=False), COMMON)
     for name, command in COMMANDS.items():
         summary = f"{command.help[0].upper()}{command.help[1:]}."
-        more = f"e.g. agvjax {name} {command.example}   All settings and their defaults: docs/configuration.md"
-        sub = commands.add_parser(name, help=command.help, description=summary, epilog=more, parents=[common])
-        _with(sub, command.options)
+        more = f"e.g. agvjax {name} {command.example}   What a setting means: agvjax explain KEY"
+        sub = commands.add_parser(name, help=command.help, description=summary, epilog=more)
+        _with(sub, (*command.common, *command.options))
     return top
 
 
 def _with(parser: _Parser, options: Sequence[Option]) -> _Parser:
-    for option in options:
-        parser.add_argument(*option.names, **option.keywords)
+    for one in options:
+        parser.add_argument(*one.names, **one.keywords)
     return parser
 
 

@@ -154,7 +154,7 @@ class Reader:
 
     def make(self, key: str, default: Any, table: Mapping[str, Toml], recipe: Recipe) -> Any:
         """An object that a recipe makes from the table."""
-        self.named(key, table, recipe.keys)
+        self.named(key, table, list(recipe.keys))
         try:
             instance = recipe.make(table)
         except agvjax.InputError as error:

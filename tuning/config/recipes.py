@@ -17,10 +17,10 @@ from .spellings import Toml, column, numbers
 class Recipe(NamedTuple):
     """How an object that its fields do not make is made from a table, and the table that makes it again.
 
-    `make` raises `agvjax.InputError` with keys of the table.
+    `make` raises `agvjax.InputError` with keys of the table. `keys` says of each what it means.
     """
 
-    keys: tuple[str, ...]
+    keys: Mapping[str, str]
     make: Callable[[Mapping[str, Toml]], agvjax.Path | agvjax.Disturbance]
     table: Callable[[Any], dict[str, Toml]]
     columns: tuple[str, ...] = ()  # of its file
@@ -116,9 +116,15 @@ def _recorded(table: Mapping[str, Toml]) -> agvjax.Recorded:
 
 
 CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
+FILE = {
+    "file": "name of a CSV file with columns x and y [m], and perhaps speed [m/s]; of a route left and right [m] too",
+    "columns": "where a quantity stands in the file, where the file has another name or unit for it",
+    "points": "instead of a file: a list of [x, y] [m], or of [x, y, speed]",
+    "speed": "speed [m/s], or one for each point; negative, on a route, backwards; 1 m/s where none is given",
+}
 RECIPES: dict[type, Recipe] = {
     agvjax.Waypoints: Recipe(
-        ("file", "columns", "points", "speed", "closed"),
+        {**FILE, "closed": routes.LAYING["closed"]},
         _waypoints,
         lambda path: {"points": np.asarray(path.points).tolist(), "closed": path.closed},
         ("x", "y", "speed"),
@@ -126,7 +132,7 @@ RECIPES: dict[type, Recipe] = {
         " scenario.path.speed holds, 1 m/s where it is not set",
     ),
     agvjax.Route: Recipe(
-        ("file", "columns", "points", "speed", "along", *routes.LAYING),
+        {**FILE, **routes.LAYING},
         _route,
         routes.table_of,
         ("x", "y", "speed", "left", "right"),
@@ -134,7 +140,13 @@ RECIPES: dict[type, Recipe] = {
         " corridor [m], would be",
     ),
     agvjax.Recorded: Recipe(
-        ("file", "columns", "times", "values", "amplitude"),
+        {
+            "file": "name of a CSV file with a column t and at least one of x, y [m/s^2] and heading [rad/s]",
+            "columns": "where a quantity stands in the file, where the file has another name or unit for it",
+            "times": "instead of a file: increasing times [s]",
+            "values": "instead of a file: [x, y, heading] at each time [m/s^2, m/s^2, rad/s]",
+            "amplitude": "a factor, or one for each channel",
+        },
         _recorded,
         lambda push: {name: np.asarray(value).tolist() for name, value in vars(push).items()},
         ("t", *CHANNELS),

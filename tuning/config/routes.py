@@ -16,7 +16,16 @@ from .spellings import Toml, numbers
 
 MADE = (agvjax.Waypoints, agvjax.Route)  # paths that are no shapes
 SHAPES = {name: cls for name, cls in CLASSES["scenario.path"].items() if cls is not None and cls not in MADE}
-LAYING = ("closed", "radius", "tolerance", "until", "faster", "limits", "half_width")
+LAYING = {  # what a route can be told, and what it means
+    "along": "instead of a file or points: the route of a shape, by its name or as a table with its type",
+    "closed": "whether the path goes on from its last point to its first",
+    "radius": "of every corner [m]: straight lines with rounded corners instead of a spline",
+    "tolerance": "how far from a corner its arc may pass [m]: straight lines with rounded corners instead of a spline",
+    "until": "where a route along a shape ends by the shape's clock [s]; without it at its lap or end",
+    "faster": "times the speed; its square times the lateral acceleration of the limits",
+    "limits": "what the speed is reduced to: speed, acceleration, deceleration, lateral_acceleration, jerk, stop",
+    "half_width": "of a corridor on either side [m], one number or left and right; 0: no corridor",
+}
 FLAGS = ("closed",)
 
 
@@ -26,7 +35,7 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
     Raises:
         agvjax.InputError: with keys of the table.
     """
-    given = {name: _value(table, name) for name in LAYING if name in table}
+    given = {name: _value(table, name) for name in LAYING if name in table and name != "along"}
     quicker = given.get("faster", 1.0)
     limits = _limits(table.get("limits", {})).faster(quicker)
     half_width = given.get("half_width", 0.0) if widths is None else widths
@@ -49,7 +58,7 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
         named = str(error).split(maxsplit=1)[0]
         bad = named if named in table else key
         raise agvjax.InputError([agvjax.Fault(bad, table[bad], f"what a route can be made of ({error})")]) from error
-    made = {name: table[name] for name in ("along", *LAYING) if name in table}
+    made = {name: table[name] for name in LAYING if name in table}
     if rows is not None:
         made["points"] = rows.tolist()
         made["half_width"] = np.asarray(half_width).tolist()

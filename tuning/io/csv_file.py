@@ -30,9 +30,13 @@ KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "r
 
 
 class Column(NamedTuple):
-    """A column of a file: its name there, its unit (empty: the SI unit), and a factor on its numbers.
+    """A column of a file.
 
-    A time in seconds may have its nanoseconds in a column of their own (empty: it has none).
+    Attributes:
+        column: its name in the file; empty: it is not to be read.
+        unit: its unit there, as "deg", "km/h" or "ms"; empty: the SI unit.
+        factor: on its numbers; -1 for another sign.
+        nanoseconds: of a time, the column of what is added to it; empty: it has none.
     """
 
     column: str

@@ -1,0 +1,168 @@
+"""Settings of the tools beside the tuner: fronts, speeds, margins, sweeps, logs."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import agvjax
+from agvjax._pytree import NONNEGATIVE, POSITIVE, number
+from agvjax.metric_table import METRICS
+
+from ..ensemble.draws import Between, Span, Times
+from ..io.csv_file import Column
+from .fields import (
+    DRIVES,
+    DURATION,
+    FACTOR,
+    LONG,
+    MANY,
+    MEMORY,
+    OPEN,
+    PACE,
+    ROUNDS,
+    STARTS,
+    SWEPT,
+    USUAL,
+    choice,
+)
+
+DESIGNS = ("random", "sobol", "latin", "saltelli", "morris")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pareto:
+    """The front of the goal against one limit, in multiples of the starting gains'.
+
+    Attributes:
+        metric: whose limit is moved.
+        low: the tightest limit, times the starting gains'.
+        high: the loosest limit, times the starting gains'.
+        points: limits from low to high, each of which is tuned for.
+    """
+
+    metric: str = choice("effort", [name for name, row in METRICS.items() if not row.loop])
+    low: float = number(0.8, "1", POSITIVE)
+    high: float = number(1.5, "1", POSITIVE)
+    points: int = number(8, "1", STARTS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Speed:
+    """How far a vehicle may lie off its route, and the speeds that are tried, in multiples of the route's own.
+
+    Attributes:
+        within: how far a vehicle may lie off its route; 0: the route's corridor.
+        after: the start is over after this time at the route's own speed, and after as much way at any other.
+        low: the lowest speed tried, times the route's own.
+        high: the highest speed tried, times the route's own.
+        points: speeds from low to high.
+        halvings: of the gap between a speed that holds and the next that does not.
+    """
+
+    within: float = number(0.0, "m", NONNEGATIVE)
+    after: float = number(8.0, "s", POSITIVE)
+    low: float = number(0.5, "1", POSITIVE)
+    high: float = number(2.0, "1", POSITIVE)
+    points: int = number(7, "1", STARTS)
+    halvings: int = number(3, "1", ROUNDS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Margins:
+    """Where a loop is linearised: at instants from `criteria.late` on, of vehicles that were not tuned on.
+
+    Attributes:
+        instants: along a run, at which the loop is looked at.
+        vehicles: beside the configured one, not tuned on.
+    """
+
+    instants: int = number(USUAL.instants, "1", STARTS)
+    vehicles: int = number(64, "1", DRIVES)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bound:
+    """Beyond what a run has failed: in multiples of the nominal run with the configured gains, or absolute.
+
+    Attributes:
+        value: beyond it a run has failed, times the nominal run's, or in the metric's own unit.
+        absolute: whether the value is in the metric's own unit.
+    """
+
+    value: float = number(1.5, "1", POSITIVE)
+    absolute: bool = False
+
+
+def default_over(actuator: str = "position") -> tuple[dict[str, Span], ...]:
+    """How far may an actuator's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
+    slopes = {f"deadzone.{actuator}.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
+    return slopes, {"disturbance.amplitude": Span(Between(0.0, 2.0), 41)}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """The scenarios to look at, in what detail, and what counts as a failure.
+
+    Attributes:
+        over: the axes, crossed; one table an axis, whose leaves move as one. Without it the deadzone's slopes and the
+            disturbance.
+        ensemble: whether to draw the other leaves of the tuning ensemble too.
+        design: how what is sampled is sampled; "saltelli" and "morris" are for sensitivities.
+        samples: at every node of the grid, where something is sampled.
+        controllers: beside the configured one: files of gains, or names of laws.
+        metrics: which metrics are kept of every run.
+        fails: beyond what a metric counts as a failure.
+        radius: whether to look for the largest box around nominal in which nothing fails.
+        shard: scenarios in a file.
+        dt: length of a step of a run of a sweep.
+        integrator: how a step is made in a sweep.
+    """
+
+    over: tuple[dict[str, Span], ...] = OPEN  # see `default_over`
+    ensemble: bool = False
+    design: str = choice("random", DESIGNS)
+    samples: int = number(1024, "1", SWEPT)
+    controllers: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
+    fails: dict[str, Bound] = dataclasses.field(default_factory=lambda: {"total_rmse": Bound()})
+    radius: bool = True
+    shard: int = number(8192, "1", MANY)
+    dt: float = number(1e-2, "s", POSITIVE)
+    integrator: str = choice("rk4", agvjax.INTEGRATORS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Identify:
+    """How a log is read and fitted, and what a drive that is suggested may do.
+
+    Attributes:
+        fit: what is fitted: groups (deadzone, delay, lag, disturbance, vehicle) or leaves of the scenario.
+        columns: where a quantity stands in the log, where the log has another name, unit or sign for it.
+        segment: length of a stretch that begins in a state of its own.
+        memory: how long actuators remember commands, at most.
+        gap: a longer step between rows than so many usual ones is a gap.
+        outlier: a measurement off by more than so many standard deviations is left out.
+        starts: of the fit, which must end at the same place.
+        bootstrap: logs that are drawn of the stretches, for intervals.
+        horizon: for how long ahead another log (--unseen) is predicted.
+        drives: candidates among which a drive worth recording is chosen; 0: none is suggested.
+        speed: of a suggested drive at most.
+        yaw_rate: of a suggested drive at most.
+        extent: size of the room that a suggested drive takes.
+        duration: of a suggested drive.
+    """
+
+    fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
+    columns: dict[str, Column] = dataclasses.field(default_factory=dict)
+    segment: float = number(2.0, "s", LONG)
+    memory: float = number(0.5, "s", MEMORY)
+    gap: float = number(5.0, "1", FACTOR)
+    outlier: float = number(6.0, "1", FACTOR)
+    starts: int = number(4, "1", STARTS)
+    bootstrap: int = number(1000, "1", MANY)
+    horizon: float = number(5.0, "s", LONG)
+    drives: int = number(32, "1", DRIVES)
+    speed: float = number(0.6, "m/s", PACE)
+    yaw_rate: float = number(1.2, "rad/s", PACE)
+    extent: float = number(5.0, "m", LONG)
+    duration: float = number(60.0, "s", DURATION)
