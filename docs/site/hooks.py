@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import outside
-import reference
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
+
+import reference
 
 ROOT = Path(__file__).parents[2]
 EQUATION = re.compile(r"^```math\n(.*?)^```$", re.M | re.S)

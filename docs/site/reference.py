@@ -13,7 +13,7 @@ from pathlib import Path
 import tuning
 from agvjax.metric_table import METRICS, Metric
 from tuning.cli.main import COMMANDS, COMMON, Option, main
-from tuning.config.described import Described, described, every_key, of_type
+from tuning.config.described import LEFT_OPEN, Described, described, every_key, of_type
 from tuning.config.names import CLASSES
 
 TOOLS = "other"  # the page of single keys and of small tables
@@ -69,23 +69,28 @@ def _sections(rows: list[Described]) -> str:
     for row in rows:
         groups.setdefault(row.key.rpartition(".")[0], []).append(row)
     parts = []
+    alone = groups.pop("", [])
+    if len(alone) == 1:  # the table that the page is of
+        parts.append(f'<p id="{alone[0].key}">{_sentence(alone[0].text)}</p>\n')
+    elif alone:
+        parts += ["## Keys and tables at the top\n", _table(alone)]
     for group, members in groups.items():
         if INNER.match(group) and group != "controller.inner":
             continue  # the same types as in [controller]
         if any(group == place or group.startswith(f"{place}.") for place in ALIKE):
             continue
-        parts.append(f"## {_title(group)}\n")
-        parts.append(_by_type(group) if group in CLASSES else _table(members))
+        parts.append(f"## `[{group}]` {{#table.{_anchor(group)}}}\n")
+        parts.append(_by_type(group, members) if group in CLASSES else _table(members))
     return "\n".join(parts)
 
 
-def _title(group: str) -> str:
-    return f"`[{group}]`" if group else "Single keys"
+def _sentence(text: str) -> str:
+    return f"{_marked(text[:1].upper() + text[1:])}." if text else ""
 
 
-def _by_type(place: str) -> str:
-    """The types that may stand in a place, each with its own keys."""
-    parts = [_table([described(f"{place}.type")])]
+def _by_type(place: str, members: list[Described]) -> str:
+    """The types that may stand in a place, each with its own keys; first what all of them have."""
+    parts = [_table(row for row in members if row.key in (f"{place}.type", f"{place}.<gain>"))]
     classes = CLASSES[place]
     if place == "controller.inner":
         classes = {name: cls for name, cls in classes.items() if name not in CLASSES["controller"]}
@@ -105,8 +110,11 @@ def _table(rows: Iterable[Described], kind: str = "") -> str:
     lines = []
     for row in rows:
         place, _, name = row.key.rpartition(".")
-        rule = "; ".join(filter(None, [row.kind, row.rule if row.rule != row.kind else ""]))
-        cells = [row.default and f"<code>{html.escape(row.default)}</code>", _marked(row.unit), _marked(rule)]
+        rule = row.rule if row.rule.startswith(row.kind) else "; ".join(filter(None, [row.kind, row.rule]))
+        default = html.escape(row.default)
+        if default and row.default != LEFT_OPEN:
+            default = f"<code class='{'short' if len(row.default) < 25 else 'long'}'>{default}</code>"
+        cells = [default, _marked(row.unit), _marked(rule)]
         head = f'<th scope="row" id="{_anchor(f"{place}.{kind}{name}" if kind else row.key)}">'
         lines.append(
             f"<tr>{head}<code>{html.escape(name)}</code></th>"
@@ -192,11 +200,14 @@ def _metric(row: Metric) -> str:
 
 
 def _commands() -> str:
-    parts = ["# Commands", "", *_exit_codes(), "## Options of every command", "", _options(COMMON), ""]
+    parts = ["# Commands", "", *_exit_codes(), "## Options that commands share", "", _options(COMMON), ""]
     for name, command in COMMANDS.items():
         help = f"{command.help[0].upper()}{command.help[1:]}."
         parts += [f"## agvjax {name}", "", help, "", f"```sh\nagvjax {name} {command.example}\n```", ""]
         parts += [_options(command.options), ""] if command.options else []
+        shared = command._asdict().get("common", COMMON)  # where a command has its own choice of them
+        named = ", ".join(f"`{option.names[0]}`" for option in shared)
+        parts += [f"Of the shared options it has {named or 'none'}.", ""] if shared != COMMON else []
     return "\n".join(parts)
 
 
@@ -234,9 +245,7 @@ def _python(root: Path) -> dict[str, str]:
     notation = (ast.get_docstring(ast.parse((root / "agvjax/__init__.py").read_text())) or "").partition("\n\n")
     index = f"# agvjax\n\n{notation[0]}\n\n" + "\n".join(rows) + f"\n\n## Symbols\n\n{notation[2]}\n"
     directives = "\n".join(
-        _directive(f"tuning.{home}.{name}", f"tuning.{name}")
-        for home, names in tuning._NAMES.items()
-        for name in names
+        _directive(f"tuning.{home}.{name}", f"tuning.{name}") for home, names in tuning._NAMES.items() for name in names
     )
     return {"reference/agvjax/index.md": index, **made, "reference/tuning.md": f"# tuning\n\n{directives}"}
 
