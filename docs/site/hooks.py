@@ -70,3 +70,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
         markdown = outside.with_links(markdown, turned)
     return EQUATION.sub(lambda match: f'<div class="equation">{convert(match[1], display="block")}</div>\n', markdown)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let the keyboard reach code, whose long lines are scrolled."""
+    return re.sub(r"(<pre>(?:<span></span>)?)<code>", r'\1<code tabindex="0">', html)

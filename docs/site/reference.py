@@ -59,7 +59,10 @@ def _keys() -> dict[str, str]:
     small = [row for top, rows in tops.items() if top not in large for row in rows]
     texts = {top: _sections(rows) for top, rows in large.items()} | {TOOLS: _sections(small)}
     titles = {top: f"`[{top}]`" for top in large} | {TOOLS: "Runs, ensembles and other commands"}
-    made = {f"reference/keys/{top}.md": f"# {titles[top]}\n\n{INTRO}\n\n{text}" for top, text in texts.items()}
+    made = {
+        f"reference/keys/{top}.md": f"# {titles[top]} {{#page.{top}}}\n\n{INTRO}\n\n{text}"
+        for top, text in texts.items()
+    }
     return {"reference/keys/index.md": _list_of_keys(texts), **made}
 
 
