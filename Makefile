@@ -17,7 +17,7 @@ COPIED := $(if $(DEV),,README.md LICENSE $(shell find agvjax tuning -name '*.pyc
 SOURCES := pyproject.toml $(COPIED)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune sweep reproduce compare vehicles bench dev test fuzz slow check lint types notebooks format clean
+.PHONY: help tune sweep reproduce compare vehicles bench dev test fuzz slow check lint types docs notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -52,7 +52,7 @@ fuzz: $(VENV)/.installed-dev ## calls of the command line that no user should ha
 slow: $(VENV)/.installed-dev ## the tests left out of `make test`
 	$(BIN)/pytest -n $(JOBS) -m slow $(ARGS)
 
-check: lint types notebooks ## lint, format, types, notebooks
+check: lint types docs notebooks ## lint, format, types, documentation, notebooks
 
 lint: $(VENV)/.installed-dev ## ruff, and no outputs in the notebooks; `make format` mends most of it
 	$(BIN)/ruff check
@@ -61,6 +61,9 @@ lint: $(VENV)/.installed-dev ## ruff, and no outputs in the notebooks; `make for
 
 types: $(VENV)/.installed-dev ## pyright
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: $(VENV)/.installed-dev ## the documentation as a site, build/site/index.html; warnings are errors
+	$(BIN)/python -m mkdocs --quiet build --strict
 
 notebooks: $(VENV)/.installed-dev ## run every notebook from start to end
 	$(BIN)/pytest --nbmake -n $(JOBS) notebooks/

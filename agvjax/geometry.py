@@ -10,7 +10,7 @@ TURN = 2 * np.pi
 
 
 def wrap(angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The same angle in [-pi, pi] [rad]. Written with round: `%` would be a scalar library call in the hot loop."""
+    """The same angle [rad], from -pi to pi. Written with round: `%` would be a scalar library call in the hot loop."""
     return angle - TURN * jnp.round(angle * (1 / TURN))
 
 

@@ -108,6 +108,11 @@ def described(key: str) -> Described:
     raise agvjax.InputError([agvjax.Fault("key", repr(key), rule)])
 
 
+def of_type(place: str, name: str) -> list[Described]:
+    """The keys that a type has where it may stand, and all below them, with its own defaults, units and rules."""
+    return [row for kind, row in _below(place, None) if kind == name]
+
+
 def _expression(pattern: str) -> str:
     """What a key with placeholders matches: the name of a leaf or a gain has dots, other names have none."""
     escaped = re.sub(r"<(leaf|gain|file)>", "\0", pattern)
