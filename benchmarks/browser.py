@@ -100,10 +100,12 @@ async def opened(address: str, size: tuple[int, int] = (1600, 1000)) -> AsyncIte
             host = await asyncio.wait_for(asyncio.to_thread(_listening, process), WAIT)
             pages = json.loads((await AsyncHTTPClient().fetch(f"http://{host}/json")).body)
             place = next(page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page")
-            yield Tab(await websocket_connect(place, max_message_size=1 << 26))
+            socket = await websocket_connect(place, max_message_size=1 << 26)
+            yield Tab(socket)
+            socket.close()
         finally:
             process.terminate()
-            process.wait()
+            process.communicate()
 
 
 def _listening(process: subprocess.Popen[bytes]) -> str:

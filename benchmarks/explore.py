@@ -41,7 +41,7 @@ def served(*options: str) -> Iterator[str]:
         yield next(match[0] for line in process.stdout if (match := re.search(r"http://\S+/", line)))
     finally:
         process.send_signal(signal.SIGINT)
-        process.wait()
+        process.communicate()
 
 
 async def moves(tab: browser.Tab, count: int = MOVES) -> list[float]:
