@@ -17,6 +17,7 @@ LEFT = 330  # px, of the sliders
 HEIGHT = 140  # px, of a curve over time
 NOW, BEFORE, DELIVERED = "#1f4e9c", "#8c8c8c", "#e08a00"  # dark, grey and dashed, light: told apart without colour too
 GOOD, BAD = "font-size: 14px; color: #1c5c2e", "font-size: 14px; color: #a11212; font-weight: bold"
+SMALL = ":host { font-size: 12px }"
 SCROLLS = {"max-height": "calc(100vh - 60px)", "overflow-y": "auto", "overflow-x": "hidden", "padding-right": "6px"}
 BUTTONS = {"tune": "Tune from here", "save": "Save", "reset": "Reset"}
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"

@@ -91,7 +91,8 @@ class Page:
             format=CustomJSTickFormatter(code=POWER if slider.log else PLAIN),
             bar_color=drawing.NOW,
             width=drawing.LEFT - 60,
-            margin=(2, 12, 2, 8),
+            margin=(1, 12, 1, 8),
+            stylesheets=[drawing.SMALL],
         )
         handle.on_change("value", partial(self._moved, slider))
         return handle

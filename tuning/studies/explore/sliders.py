@@ -82,14 +82,16 @@ def movable(config: Config) -> Movable:
         if sets_period(config.controller, name):
             fixed.append(f"{name}: it sets the control period, of which simulate.dt must be a whole fraction")
             continue
-        sliders.append(_gain(config, name, float(low), float(high)))
+        label = name.rpartition(".")[2]  # without the laws that stand around the one that has it
+        alone = [other.rpartition(".")[2] for other in gains.names].count(label) == 1 and "[" not in label
+        sliders.append(_gain(config, name, label if alone else name, float(low), float(high)))
     short: list[str] = []
     sliders += _together(config, list(_numbers(config, short)))
     fixed += short + ["path, step, horizon, control period and the number of slots of a delay: set them in the file"]
     return Movable(tuple(sliders), tuple(fixed), gains.tied)
 
 
-def _gain(config: Config, name: str, low: float, high: float) -> Slider:
+def _gain(config: Config, name: str, label: str, low: float, high: float) -> Slider:
     """The tuner's box where it has both ends above 0; else a decade either side, within its bounds."""
     value, unit = value_of(config.controller, name), unit_of(config.controller, name.partition("[")[0])
     log = value > 0
@@ -101,7 +103,7 @@ def _gain(config: Config, name: str, low: float, high: float) -> Slider:
         far = DECADE * abs(value) or 1.0
         low, high = max(low, value - far), min(high, value + far)
         low, high = low + INSIDE * (high - low), high - INSIDE * (high - low)
-    return Slider((LAW + name,), name, unit, value, min(low, value), max(high, value), log)
+    return Slider((LAW + name,), label, unit, value, min(low, value), max(high, value), log)
 
 
 class _Number(NamedTuple):

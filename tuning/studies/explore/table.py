@@ -11,8 +11,8 @@ from ...config.settings import FOLLOWED_METRICS, SWEPT_METRICS, Config
 from .rollout import VEHICLES, Shown
 
 STYLE = """<style>
-table.m { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-table.m td, table.m th { padding: 1px 7px; text-align: right; border-bottom: 1px solid #e2e2e2; }
+table.m { border-collapse: collapse; font-size: 12.5px; font-variant-numeric: tabular-nums; }
+table.m td, table.m th { padding: 1px 6px; text-align: right; border-bottom: 1px solid #e2e2e2; }
 table.m td, table.m th { white-space: nowrap; }
 table.m td:first-child, table.m th:first-child { text-align: left; }
 table.m span { color: #777; font-size: 11.5px; margin-left: 6px; }
@@ -23,17 +23,14 @@ p.lost { color: #a11212; font-weight: bold; margin: 4px 0; }
 
 def table(config: Config, now: Shown, before: Shown, serial: int = 0) -> str:
     """The table as HTML; `serial` says how often it was written."""
-    heads = ("metric", "unit", "this run", f"mean of {VEHICLES}", f"worst of {VEHICLES}")
+    heads = ("metric", "this run", f"mean of {VEHICLES}", f"worst of {VEHICLES}")
     lines = ["<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
     for name in rows(config):
         pairs = ((now.metrics, before.metrics), (now.mean, before.mean), (now.worst, before.worst))
-        cells = [
-            name.replace("_", " "),
-            METRICS[name].unit.replace("share of the time", "of the time"),
-            *(_cell(name, *pair) for pair in pairs),
-        ]
+        label = f"{name.replace('_', ' ')}<span>{METRICS[name].unit.replace('share of', 'of')}</span>"
+        cells = [label, *(_cell(name, *pair) for pair in pairs)]
         lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    note = f"Grey: as configured. {VEHICLES} vehicles are drawn as agvjax tune draws them, rolled out at its step."
+    note = f"Grey: as configured, where that differs. {VEHICLES} vehicles, drawn and stepped as agvjax tune does."
     inner = f'{_lost(now)}<table class="m">{"".join(lines)}</table><p class="m">{note}</p>'
     return f'{STYLE}<div data-serial="{serial}">{inner}</div>'
 
@@ -47,7 +44,8 @@ def rows(config: Config) -> list[str]:
 
 
 def _cell(name: str, now: Mapping[str, float], before: Mapping[str, float]) -> str:
-    return f"{_number(name, now[name])}<span>{_number(name, before[name])}</span>"
+    here, there = _number(name, now[name]), _number(name, before[name])
+    return here if here == there else f"{here}<span>{there}</span>"
 
 
 def _number(name: str, value: float) -> str:
