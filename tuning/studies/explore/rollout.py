@@ -23,7 +23,7 @@ from ...ensemble.draws import sample
 from .sliders import Movable
 
 VEHICLES = 16  # of the ensemble, that a move is judged on
-POINTS = 800  # of a curve, about as many as a screen has room for
+POINTS = 500  # of a curve, about as many as a screen has room for
 Leaves = dict[str, Any]  # arrays of NumPy, or of JAX within a program
 
 
