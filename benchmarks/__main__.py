@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
+from . import accuracy, explore, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -28,8 +28,9 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "sampled": sampled.measure,
     "problems": lambda turns: problems.measure(),
     "sweep": sweep.measure,
+    "explore": explore.measure,
 }
-LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel")
+LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
 
 
 def main() -> None:

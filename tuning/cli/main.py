@@ -109,6 +109,9 @@ COMMANDS = {
     "margins": Command(
         "how much gain, phase and delay the loop bears along its run; a Bode plot", example="--config base"
     ),
+    "explore": Command(
+        "a local page with sliders for gains and vehicle; tunes from where they stand", example="--config base"
+    ),
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
     "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
     "compare": COMPARE,

@@ -1,0 +1,152 @@
+"""What the page shows, computed: two programs, compiled once, whose arguments are the numbers on the sliders."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+import agvjax
+from agvjax.draw.plot import shown
+from agvjax.leaves import get, swap
+from agvjax.metric_table import metrics_of
+
+from ...compute.compiled import Ahead
+from ...config import dump
+from ...config.ends import LAW
+from ...config.settings import Config
+from ...ensemble.draws import sample
+from .sliders import Movable
+
+VEHICLES = 16  # of the ensemble, that a move is judged on
+POINTS = 500  # of a curve, about as many as a screen has room for
+Leaves = dict[str, Any]  # arrays of NumPy, or of JAX within a program
+
+
+class Shown(NamedTuple):
+    """What stands on the page for one place of all sliders.
+
+    Attributes:
+        curves: samples (n,) or (n, c) by name: `t` [s], `path` and `position` (n, 2) [m], `errors` (n, c) as
+            `error_labels` says, `asked` and `delivered` (n, m) of the actuators. NaN where a number cannot be drawn.
+        ok: whether the run stayed within `scenario.limit`.
+        metrics: of the run, by name, as `agvjax simulate` has them.
+        mean: over the vehicles.
+        worst: the largest of them.
+        lost: how many of the vehicles diverged.
+    """
+
+    curves: dict[str, np.ndarray]
+    ok: bool
+    metrics: dict[str, float]
+    mean: dict[str, float]
+    worst: dict[str, float]
+    lost: int
+
+
+class Rollouts:
+    """The two programs of a problem: the configured vehicle's run, and the metrics of an ensemble of others.
+
+    They are compiled in the background when this is made. What they are given has the same shapes at every call, so
+    that nothing is compiled again: a program that exists takes no other.
+    """
+
+    def __init__(self, config: Config, moving: Movable) -> None:
+        self.config, self.moving = config, moving
+        self.names = metrics_of(config.scenario)
+        values = self._leaves(config)
+        self._pool = ThreadPoolExecutor(2)
+        settings = f"{dump(config)}{moving.leaves}{VEHICLES} {POINTS} explore"
+        self._run = Ahead(self.run, f"{settings} run", values)
+        self._many = Ahead(self.many, f"{settings} many", values, self._drawn(config))
+
+    def ready(self) -> None:
+        """Wait until both are compiled."""
+        self._run.ready.result()
+        self._many.ready.result()
+
+    def shown(self, config: Config) -> Shown:
+        """What stands on the page for a configuration that differs from the first in what moves alone."""
+        values = self._leaves(config)
+        others = self._pool.submit(lambda: jax.device_get(self._many(values, self._drawn(config))))
+        curves = jax.device_get(self._run(values))
+        numbers, ok = curves.pop("metrics"), curves.pop("ok")
+        every, fine = others.result()
+        with np.errstate(invalid="ignore"):
+            mean = every.mean(axis=1)
+        return Shown(
+            curves={name: shown(x) for name, x in curves.items()},
+            ok=bool(ok),
+            metrics=dict(zip(self.names, numbers.tolist(), strict=True)),
+            mean=dict(zip(self.names, mean.tolist(), strict=True)),
+            worst=dict(zip(self.names, every.max(axis=1).tolist(), strict=True)),
+            lost=int(np.sum(~fine)),
+        )
+
+    def run(self, values: Leaves) -> Leaves:
+        """One vehicle: the samples that are drawn, and its metrics (M,)."""
+        timing = self.config.timing()
+        law, scenario = self._trees(values)
+        run = agvjax.simulate(law, scenario, save_every=_apart(timing.n_steps), **timing)
+        # rolled out again, from every step: that takes a fraction of the time of `measure` of as many samples
+        metrics = agvjax.evaluate(law, scenario, criteria=self.config.judged(delivered=True), **timing)
+        some = np.unique(np.linspace(0, len(run.t) - 1, 2 * POINTS).round().astype(int))
+        picked = {"t": run.t, "path": run.reference_position, "position": run.position}
+        picked |= {"errors": _errors(run), "asked": run.inputs, "delivered": run.delivered}
+        return {n: x[some] for n, x in picked.items()} | {"metrics": self._stacked(metrics), "ok": run.ok}
+
+    def many(self, values: Leaves, drawn: Leaves) -> tuple[Array, Array]:
+        """The ensemble: metrics (M, vehicles), and which runs did not diverge (vehicles,)."""
+        law, scenario = self._trees(values)
+        batch = agvjax.Batch(scenario=swap(scenario, drawn), names=tuple(sorted(drawn)))
+        criteria = self.config.judged(delivered=True)
+        metrics = agvjax.evaluate(law, batch, criteria=criteria, devices=1, **self.config.timing("tune"))
+        return self._stacked(metrics), metrics.ok
+
+    def _stacked(self, metrics: agvjax.Metrics) -> Array:
+        return jnp.stack([metrics[name] for name in self.names])
+
+    def _trees(self, values: Leaves) -> tuple[agvjax.Law, agvjax.Scenario]:
+        of_law = {name.removeprefix(LAW): x for name, x in values.items() if name.startswith(LAW)}
+        others = {name: x for name, x in values.items() if not name.startswith(LAW)}
+        return swap(self.config.controller, of_law), swap(self.config.scenario, others)
+
+    def _leaves(self, config: Config) -> Leaves:
+        """The leaves that move, in the run's precision."""
+        dtype, leaves = jnp.result_type(float), {}
+        for name in self.moving.leaves:
+            tree = config.controller if name.startswith(LAW) else config.scenario
+            leaves[name] = np.asarray(get(tree, name.removeprefix(LAW)), dtype)
+        return leaves
+
+    def _drawn(self, config: Config) -> Leaves:
+        """The leaves that vary over the vehicles, drawn about where the sliders stand as `agvjax tune` draws them."""
+        dtype = jnp.result_type(float)
+        batch = sample(config.scenario, config.ensemble.draws, VEHICLES, config.seed)
+        return {name: np.asarray(x, dtype) for name, x in batch.values.items()}
+
+
+def _apart(n_steps: int) -> int:
+    """Steps between samples that are drawn: a divisor of their number, for at least `POINTS` of them."""
+    most = max(1, n_steps // POINTS)
+    return next(k for k in range(most, 0, -1) if n_steps % k == 0)
+
+
+def error_labels(config: Config) -> tuple[tuple[str, str], ...]:
+    """Name and unit of each column of the errors."""
+    if config.scenario.path.by_arc():
+        return ("to the left of the route", "mm"), ("heading error", "deg"), ("speed error", "m/s")
+    named = (("error in x", "m"), ("error in y", "m"), ("heading error", "rad"))
+    return named if config.scenario.plant.commands_heading else named[:2]
+
+
+def _errors(run: agvjax.Trajectory) -> Array:
+    """The columns that `error_labels` names."""
+    ride = run.route
+    if ride is None:
+        return agvjax.tracking_error(run)
+    return jnp.stack([1e3 * ride.cross_track, jnp.degrees(ride.heading_error), ride.speed - ride.wanted], axis=-1)
