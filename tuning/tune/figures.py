@@ -69,7 +69,9 @@ def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
     if not norm.lines:
         norm.text(0.5, 0.5, "the best were found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
         norm.set(yticks=[])
-    for part in (norm, gain) if norm.lines else (gain,):  # plain numbers, those between powers of ten where there is room
+    for part in (
+        (norm, gain) if norm.lines else (gain,)
+    ):  # plain numbers, those between powers of ten where there is room
         low, top = part.get_ylim()
         part.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if top < 100 * low else (1.0,)))
         part.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

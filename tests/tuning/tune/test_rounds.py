@@ -35,7 +35,7 @@ def test_an_earlier_round_is_drawn_by_the_search_that_it_went_on_from():
 
 
 def test_a_history_without_gradients_says_so_and_draws_the_rest():
-    """As generations of CMA-ES leave it; a logarithmic axis of no positive number would warn, which is an error here."""
+    """As generations of CMA-ES leave it; a logarithmic axis of no positive number would warn."""
     found = search(1.0)
     row = (*found.history[0][:5], np.nan, *found.history[0][6:])
     figure = history_figure(("k1", "k2"), (1.0, 1.0), Run(0, (found._replace(history=[row]),), {}, (), ()))
