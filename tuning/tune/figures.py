@@ -129,7 +129,8 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
     names = ["position", *(["heading"] if heading else []), "command"]
     parts = figure.subplot_mosaic([["path", name] for name in names], width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs)
-    parts["path"].get_legend().remove()
+    if (legend := parts["path"].get_legend()) is not None:
+        legend.remove()
     figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=4, loc="outside lower center")
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
         t, error, command = np.asarray(run.t), plot.shown(agvjax.tracking_error(run)), plot.shown(run.command)
