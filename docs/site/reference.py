@@ -12,7 +12,8 @@ from pathlib import Path
 
 import tuning
 from agvjax.metric_table import METRICS, Metric
-from tuning.cli.main import COMMANDS, COMMON, Option, main
+from tuning.cli.main import COMMANDS, main
+from tuning.cli.options import COMMON, Option
 from tuning.config.described import LEFT_OPEN, Described, described, every_key, of_type
 from tuning.config.names import CLASSES
 
@@ -208,7 +209,7 @@ def _commands() -> str:
         help = f"{command.help[0].upper()}{command.help[1:]}."
         parts += [f"## agvjax {name}", "", help, "", f"```sh\nagvjax {name} {command.example}\n```", ""]
         parts += [_options(command.options), ""] if command.options else []
-        shared = command._asdict().get("common", COMMON)  # where a command has its own choice of them
+        shared = command.common
         named = ", ".join(f"`{option.names[0]}`" for option in shared)
         parts += [f"Of the shared options it has {named or 'none'}.", ""] if shared != COMMON else []
     return "\n".join(parts)
