@@ -169,7 +169,7 @@ def test_tune_writes_what_it_promises(tuned):
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
     report = (out / "report.md").read_text()
     verdict = report.split("**")[1]
-    assert verdict.startswith("Tuned: all limits are met") and verdict in said
+    assert verdict.startswith("Tuned: all limits are met") and verdict in " ".join(said.split())
     assert "Gains: k1 " in said and str(out) in said
     assert "agvjax simulate --config config.toml --config gains.toml" in report
     assert "validation" in report and "| k1 |" in report and all(name in report for name in figures)
