@@ -12,7 +12,7 @@ from pathlib import Path
 
 import tuning
 from agvjax.metric_table import METRICS, Metric
-from tuning.cli.main import COMMANDS, main
+from tuning.cli.main import COMMANDS, EXIT_CODES
 from tuning.cli.options import COMMON, Option
 from tuning.config.described import LEFT_OPEN, Described, described, every_key, of_type
 from tuning.config.names import CLASSES
@@ -216,9 +216,7 @@ def _commands() -> str:
 
 
 def _exit_codes() -> list[str]:
-    """The exit codes, as `main` says them."""
-    codes = re.findall(r"(\d+) ([^,.]+)", main.__doc__ or "")
-    return ["| exit code | meaning |", "|---|---|", *(f"| {code} | {text} |" for code, text in codes), ""]
+    return ["| exit code | meaning |", "|---|---|", *(f"| {code} | {text} |" for code, text in EXIT_CODES.items()), ""]
 
 
 def _options(options: Iterable[Option]) -> str:

@@ -11,6 +11,19 @@ from .console import Console
 from .questions import BY_CLOCK, LEFT, QUESTIONS, Question, spelled
 
 
+def answer(words: str) -> str:
+    """A line from the terminal.
+
+    Raises:
+        KeyboardInterrupt: there is none (Ctrl-D).
+    """
+    try:
+        return input(words).strip()
+    except EOFError:
+        print()
+        raise KeyboardInterrupt from None
+
+
 def unfit(arguments: argparse.Namespace, kind: str) -> None:
     """Refuse options that the kind of vehicle does not have, and numbers that break their rule."""
     wrong = []
@@ -69,7 +82,7 @@ def _asked(question: Question, default: float) -> float:
 
 
 def _until(words: str, read: Callable[[str], float | None], rule: str) -> float:
-    while (value := read(input(words).strip())) is None:
+    while (value := read(answer(words))) is None:
         print(f"must be {rule}")
     return value
 
@@ -79,6 +92,6 @@ def chosen(asks: bool, name: str, words: str, of: dict[str, str]) -> str:
     if not asks:
         raise InputError([Fault(name, "none", f"given: one of {', '.join(of)}")])
     print(words, *(f"  {word}: {meaning}" for word, meaning in of.items()), sep="\n")
-    while (word := input("> ").strip()) not in of:
+    while (word := answer("> ")) not in of:
         print(f"one of {', '.join(of)}")
     return word

@@ -13,7 +13,7 @@ from ..config import begun
 from ..config.load import load
 from ..io import files
 from ..tune.rules import faults
-from .answers import chosen, numbers_of, unfit
+from .answers import answer, chosen, numbers_of, unfit
 from .console import Console
 from .questions import BY_CLOCK, KINDS
 
@@ -50,14 +50,14 @@ def _followed(arguments: argparse.Namespace, kind: str, numbers: dict[str, float
     """The problem of a vehicle that follows a path by where it is."""
     file = arguments.path
     if file is None and asks:
-        file = input("CSV file of its path, columns x and y (none: a rectangle of 10 x 5 m): ").strip() or None
+        file = answer("CSV file of its path, columns x and y (none: a rectangle of 10 x 5 m): ") or None
     if file is None:
         console.note("--path not given: a rectangle of 10 x 5 m")
         return begun.problem(kind, numbers, arguments.law or "path_pid", None, arguments.within)
     path = begun.points(file)
     closed = arguments.closed or path.closed
     if not closed and asks:
-        closed = input("Does it go on from its last point to its first? [y/N] ").strip().lower().startswith("y")
+        closed = answer("Does it go on from its last point to its first? [y/N] ").lower().startswith("y")
     if not closed:
         console.note(f"{file}: open, it ends at its last point (--closed: it goes on to its first)")
     path = dataclasses.replace(path, closed=closed)

@@ -178,3 +178,19 @@ def test_what_was_not_given_is_said_where_nobody_can_be_asked(here, capsys):
     problem("--vehicle", "ackermann", "--wheelbase", 2)
     told = capsys.readouterr().out
     assert "--steering-deadzone 0.0175 rad" in told and "--wheelbase" not in told.split("written")[0]
+
+
+@pytest.mark.parametrize("answers", [[], ["differential"], ["differential", *[""] * 5]])
+def test_the_end_of_the_answers_is_an_interrupt_and_leaves_nothing(answers, here, monkeypatch, capsys):
+    said = iter(answers)
+
+    def line(words):
+        try:
+            return next(said)
+        except StopIteration:
+            raise EOFError from None
+
+    monkeypatch.setattr("builtins.input", line)
+    monkeypatch.setattr(new, "interactive", lambda: True)
+    problem(code=130)
+    assert capsys.readouterr().err == "agvjax new: interrupted\n" and not Path("agv.toml").exists()

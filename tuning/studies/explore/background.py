@@ -83,7 +83,7 @@ class Tuning:
         return code
 
     def said(self) -> str:
-        """The last line that it said; of a progress bar how it stands."""
+        """The last line that it said: the phase that it is in, then how it ended."""
         with self._said.open("rb") as log:
             log.seek(max(0, os.fstat(log.fileno()).st_size - TAIL))
             text = log.read().decode("utf-8", "replace")
