@@ -121,6 +121,18 @@ def test_links_and_what_is_loaded_are_in_the_site(site):
     assert count > 5000  # there is something to hold
 
 
+def test_every_page_of_the_docs_is_in_the_navigation():
+    listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = [path.name for path in (ROOT / "docs").glob("*.md")]
+    assert len(pages) > 10 and not [page for page in pages if not re.search(rf"\b{page}\b", listed)]
+
+
+def test_the_readme_lists_every_command():
+    table = [line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    said = set(re.findall(r"`(?:agvjax )?(\w+)[^`]*`", "\n".join(line.split("|")[1] for line in table)))
+    assert said == set(COMMANDS)
+
+
 def test_no_style_loads_from_a_network(site):
     sheets = list(site[0].rglob("*.css"))
     assert len(sheets) >= 3
