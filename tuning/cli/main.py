@@ -121,7 +121,12 @@ COMMANDS = {
     "explain": EXPLAIN,
     "completion": COMPLETION,
 }
-EXIT_CODES = {0: "success", 1: "the run failed", 2: "bad input: one message names every bad key", 130: "interrupted"}
+EXIT_CODES = {
+    0: "success",
+    1: "the run failed, or what it found is no good",
+    2: "bad input: one message names every bad key",
+    130: "interrupted",
+}
 
 
 class _Parser(argparse.ArgumentParser):
