@@ -64,7 +64,9 @@ def here(folder, monkeypatch):
         sys.modules.pop(path.stem, None)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/extending.md", pytest.param("docs/python.md", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/extending.md", pytest.param("docs/python.md", marks=pytest.mark.slow)]
+)
 def test_an_example_in_python_runs(page, here, capsys):
     examples = [body for body in blocks(page, "python") if not NAME.match(body)]
     assert examples
