@@ -19,6 +19,7 @@ def metrics(rmse, *, late=0.01, settled=True, ok=True, command=1.0):
     three = lambda value: np.broadcast_to(np.asarray(value, float).reshape(-1, 1), (count, 3))  # noqa: E731
     same = dict.fromkeys(("iae", "ise", "itae", "overshoot"), three(1.0))
     commands = ("rms_command", "peak_command", "chatter", "rms_delivered", "peak_delivered", "variation_delivered")
+    commands += ("reversals_delivered",)
     return agvjax.Metrics(
         rmse=np.stack([rmse, np.zeros(count), np.zeros(count)], axis=1),
         rmse_late=three(late),
