@@ -75,7 +75,11 @@ class Tab:
     async def go(self, address: str) -> None:
         """Open another address, and wait until it is there."""
         await self.call("Page.navigate", url=address)
-        await self.until(f"location.href == {json.dumps(address)} && document.readyState == 'complete'")
+        ready = f"location.href == {json.dumps(address)} && document.readyState == 'complete'"
+        try:
+            await self.until(ready)
+        except TimeoutError as error:
+            raise TimeoutError(f"{address} is not there in time") from error
 
     async def key(self, name: str) -> None:
         """Press a key and let go of it."""

@@ -185,7 +185,7 @@ def test_pages_are_accessible_by_the_rules_of_axe(site, monkeypatch):
         "reference/metrics.html",
         "reference/commands.html",
         "reference/keys/tune.html",
-        "project/README.html",
+        "project/index.html",
     ]
 
     async def visit(tab):
