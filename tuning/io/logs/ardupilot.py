@@ -17,6 +17,7 @@ def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
     from pymavlink.DFReader import DFReader_binary, DFReader_text
 
     known: dict[str, Gathered] = {}
+    log = None
     try:
         log = (DFReader_text if path.suffix.lower() == ".log" else DFReader_binary)(str(path), zero_time_base=True)
         while (message := log.recv_msg()) is not None:
@@ -32,6 +33,10 @@ def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
             raise ValueError(f"no dataflash log that can be read ({str(error) or type(error).__name__})") from error
         lost = (f"it ends too early or is damaged ({str(error) or type(error).__name__})",)
         return Recording(path.name, tuple(one.stream() for one in known.values()), {}, lost)
+    finally:
+        if log is not None:  # the library leaves its file open
+            log.data_map.close()
+            log.filehandle.close()
     if not known:
         raise ValueError("no dataflash log that can be read (no message with a time in it)")
     return Recording(path.name, tuple(one.stream() for one in known.values()), {}, ())

@@ -34,8 +34,8 @@ def messages(path: Path, lost: list[str]) -> Iterator[Sent]:
             with contextlib.closing(sqlite3.connect(_filled(path, Path(folder) / "whole.db3"))) as data:
                 topics = {i: (name, kind) for i, name, kind in data.execute("SELECT id, name, type FROM topics")}
                 for topic, stamp, raw in data.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):
-                    count += 1
                     name, kind = topics[topic]
+                    count += 1
                     yield name, kind, stamp, functools.partial(store.deserialize_cdr, raw, kind)
         except (sqlite3.DatabaseError, KeyError, OSError, TypeError) as error:
             if not count:
