@@ -34,35 +34,45 @@ class Learnt:
 
 @pytree
 class AdaptiveInverse(Inverse):
-    """`Inverse` whose beliefs are adapted online; they begin as `believed`.
+    """`Inverse` whose assumed slopes and thresholds are adapted online, starting from `believed`.
 
-    Each side of an actuator is believed to deliver m (|u| - c) + q, with the slope m, and q of its `usual` input c, so
-    that its threshold is c - q / m. Once a period the computer's `vehicle` is stepped from the last measurement by what
-    should have been delivered; e is by how much a velocity [m/s] or the yaw rate [rad/s] differs. What is delivered is
-    linear in theta = (m c / 2, q) of all sides; with phi = d(velocity)/d theta, of one velocity after the other:
+    Each side of an actuator is modelled as delivering m (|u| - c) + q, with the slope m, and q at its `usual` input c,
+    so that its threshold is c - q / m. Once per period the computer's `vehicle` is stepped from the last measurement
+    with what should have been delivered; e is the prediction error of a velocity [m/s] or of the yaw rate [rad/s]. The
+    output is linear in theta = (m c / 2, q) of all sides; with phi = d(velocity)/d theta, for one velocity after the
+    other:
 
         theta' = P(theta + `rate` phi e_d / (`floor` + |phi|^2)),        e_d = sign(e) max(|e| - `dead_band`, 0)
 
-    P projects onto m and q within 1 / `farthest` and `farthest` times what was believed at first.
+    P projects onto m and q within 1 / `farthest` and `farthest` times their initial values.
 
     Stability: where e = phi . (theta* - theta) + r with |r| <= `dead_band`, and theta* is within the bounds,
     V = |theta - theta*|^2 never grows for 0 < `rate` <= 2: a step changes it by at most -(2 rate - rate^2) e_d^2 /
     (floor + |phi|^2), and a projection onto a convex set only shortens the distance to its points. r is noise,
-    disturbance and what the `vehicle` does otherwise. Nothing is learnt without excitation: a side that no input goes
-    to keeps its beliefs, and at one constant input only what is delivered there is learnt, not slope and threshold.
+    disturbance and the model error of `vehicle`. Nothing is learnt without excitation: a side without input keeps its
+    estimates, and at one constant input only the output there is learnt, not slope and threshold separately.
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the
     inverse and what is adapted; Ioannou and Sun, Robust Adaptive Control, 1996, ch. 4 and 8, for the normalised
     gradient with dead-band and projection.
+
+    Attributes:
+        rate: share of an error that is corrected in one period; stable up to 2.
+        dead_band: prediction errors up to this are ignored.
+        floor: excitation |phi|^2 below which it adapts more slowly.
+        usual: typical size of each input, in the vehicle's order, around which it adapts best.
+        farthest: the factor by which the estimates may differ from `believed`.
+        delay: from the instant of a command until it takes effect.
+        slots: inputs stored, more than the delay in periods.
     """
 
-    rate: Real = number(0.1, "1", POSITIVE, "share of an error that is learnt from one period; stable up to 2")
-    dead_band: Real = number(0.0005, "m/s and rad/s", NONNEGATIVE, "error that says nothing of the deadzones")
-    floor: Real = number(1e-3, "1", POSITIVE, "of |phi|^2, below which it learns more slowly")
+    rate: Real = number(0.1, "1", POSITIVE)
+    dead_band: Real = number(0.0005, "m/s and rad/s", NONNEGATIVE)
+    floor: Real = number(1e-3, "1", POSITIVE)
     usual: Array | np.ndarray = number((0.4, 0.4), "of each input, in the vehicle's order", POSITIVE, shape=(None,))
-    farthest: Real = number(3.0, "1", POSITIVE, "by what factor beliefs may change")
-    delay: Real = number(0.0, "s", NONNEGATIVE, "from the instant of a command until it acts")
-    slots: int = structure(4)  # inputs remembered: more than the delay in periods
+    farthest: Real = number(3.0, "1", POSITIVE)
+    delay: Real = number(0.0, "s", NONNEGATIVE)
+    slots: int = structure(4)
 
     tunable = ("width", "quiet", "rate")
 

@@ -71,8 +71,21 @@ def _bounded(alpha1: Array, velocity: Array, limit: Real | None) -> tuple[Array,
 class Backstepping(Law):
     """Eqs. (21)-(25), (41), (57), (63) without the network, with the paper's gains.
 
-    `Pi_hat` and `Pi_psi_hat` are the controller's belief of the deadzone slopes, apart from the plant's truth
+    `Pi_hat` and `Pi_psi_hat` are the deadzone slopes that the controller assumes, independent of the plant's true ones
     (readings R2, R3): a number, for `Pi_hat` also one per axis with shape (2,), or `KnownSlopes`.
+
+    Attributes:
+        k1: gain on the position error; how fast it decays.
+        k2: gain on the velocity error.
+        k3: gain on the heading error; how fast it decays.
+        Lam: gain on the integral of the position error.
+        Lam_psi: gain on the integral of the heading error.
+        omega_n: natural frequency of the command filter.
+        zeta: damping of the command filter.
+        Pi_hat: deadzone slope that the law assumes for the position.
+        Pi_psi_hat: deadzone slope that the law assumes for the heading.
+        filter: the command filter, which provides the derivative of the virtual control.
+        wrapped: whether the heading error is wrapped to -pi .. pi (reading R17).
     """
 
     k1: Real = number(20.0, "1/s", POSITIVE, "after eq. (32)")

@@ -64,34 +64,37 @@ class Compensation:
 
 @pytree
 class NoCompensation(Compensation):
-    """Deadzones are left to the law."""
+    """No compensation: deadzones are left to the law."""
 
 
 @pytree
 class Inverse(Compensation):
-    """The smooth inverse of the deadzones that are believed in: u = d / m + s tanh((|d| - q) / w) sign(d).
+    """The smooth inverse of the assumed deadzones: u = d / m + s tanh((|d| - q) / w) sign(d).
 
-    With the slope m = `slope` m_b and the threshold s = `threshold` s_b of the side that d is on, of eq. (11) with the
-    believed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0: a demand about zero does
-    not throw an actuator to and fro across its whole deadzone. Before it a `lead` adds lead x d' (by differences), what
-    makes up for a lag. After it come the limits of the computer's anti-windup. Where a believed threshold is 0 there is
-    no step; an actuator that is not named in `believed` is sent what is wanted.
+    The slope m = `slope` m_b and the threshold s = `threshold` s_b are those of the side that d is on, eq. (11), with
+    the assumed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0, so that a demand around
+    zero does not make an actuator chatter across its whole deadzone. A `lead` first adds lead x d' (by differences),
+    which compensates a lag. The limits of the computer's anti-windup follow. There is no step where an assumed threshold
+    is 0; an actuator that is not named in `believed` receives d unchanged.
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the inverse
     with the step; smoothed as is usual.
 
     Attributes:
-        believed: the deadzones that it inverts; the scenario's unless told.
-        slope: times the believed slopes.
-        threshold: times the believed thresholds.
+        believed: the assumed deadzones, which it inverts; by default the scenario's.
+        slope: factor on the assumed slopes.
+        threshold: factor on the assumed thresholds.
+        width: demand over which the step rises, times the assumed threshold.
+        quiet: demand up to which there is no step, times the assumed threshold.
+        lead: time constant of the lag that it compensates.
     """
 
     believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)
-    slope: Real = number(1.0, "of the believed slopes", POSITIVE)
-    threshold: Real = number(1.0, "of the believed thresholds", POSITIVE)
-    width: Real = number(0.2, "of the believed thresholds", POSITIVE, "over which the step rises")
-    quiet: Real = number(0.1, "of the believed thresholds", NONNEGATIVE, "demand up to which there is no step")
-    lead: Real = number(0.0, "s", NONNEGATIVE, "makes up for so long a lag")
+    slope: Real = number(1.0, "of the assumed slopes", POSITIVE)
+    threshold: Real = number(1.0, "of the assumed thresholds", POSITIVE)
+    width: Real = number(0.2, "of the assumed thresholds", POSITIVE)
+    quiet: Real = number(0.1, "of the assumed thresholds", NONNEGATIVE)
+    lead: Real = number(0.0, "s", NONNEGATIVE)
 
     tunable = ("slope", "threshold", "width", "quiet")
 

@@ -25,14 +25,14 @@ class PathPID(Regulated):
         k_y: gain on the deviation from the route.
         k_psi: gain on the heading error.
         k_i: gain on the integral of the deviation.
-        ahead: how early the route's curvature is looked at.
-        windup: the most that the integral may become.
+        ahead: how early the route's curvature is used, to make up for delay and lag.
+        windup: largest size of the integral.
     """
 
     k_y: Real = number(6.0, "1/m^2", POSITIVE)
     k_psi: Real = number(4.0, "1/m", POSITIVE)
     k_i: Real = number(1.0, "1/(m^2 s)", NONNEGATIVE)
-    ahead: Real = number(0.35, "s", NONNEGATIVE, "of delay and lag, in which the vehicle goes on as it did")
+    ahead: Real = number(0.35, "s", NONNEGATIVE)
     windup: Real = number(0.3, "m s", POSITIVE)
 
     tunable = ("k_y", "k_psi", "k_i", "ahead", *REGULATION)

@@ -38,5 +38,5 @@ def memoryless(vehicle: Plant, holder: object) -> list[Fault]:
     """A vehicle that remembers, which cannot be stepped from what is measured."""
     if not jax.tree.leaves(jax.eval_shape(lambda: vehicle.hold(vehicle.start(Start())))):
         return []
-    rule = "none: the vehicle that the computer believes in has a memory, which no measurement tells"
+    rule = "none: the computer's model of the vehicle has a memory, which no measurement shows"
     return [Fault("type", type(holder).__name__, rule)]

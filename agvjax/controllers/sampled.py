@@ -36,18 +36,19 @@ class AntiWindup:
 
 @pytree
 class NoAntiWindup(AntiWindup):
-    """The law asks for whatever it likes."""
+    """The law's commands are not limited."""
 
 
 @pytree
 class BackCalculation(AntiWindup):
-    """The law knows what it may ask for, and takes back from its own state what it may not.
+    """The law knows the limits of its inputs, and back-calculates its own state from what they cut off.
 
     Attributes:
-        limits: what may be asked of each input.
+        speed: bound of the correction |alpha1 - chi1_d'| of the virtual control.
+        limits: largest size of each input, in the vehicle's order.
     """
 
-    speed: Real | None = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
+    speed: Real | None = number(1.0, "m/s", POSITIVE)
     limits: Float[Array, " m"] | None = number(
         (4.0, 4.0), "of each input, in the vehicle's order", POSITIVE, shape=(None,)
     )
@@ -60,7 +61,7 @@ class BackCalculation(AntiWindup):
 
 @pytree
 class Remembered:
-    """What the computer remembers besides the law's state; nothing where it has neither of the two."""
+    """The computer's memory besides the law's state; empty without compensation and prediction."""
 
     compensation: PyTree
     prediction: PyTree
@@ -68,7 +69,7 @@ class Remembered:
 
 @pytree
 class Computed:
-    """What the computer remembers from one period to the next."""
+    """The computer's memory from one period to the next."""
 
     law: PyTree  # state of the law inside
     command: Command  # in force, with its inputs
@@ -80,22 +81,22 @@ class Computed:
 class Sampled(Allocating):
     """A law run every `period`, its inputs held in between (zero-order hold).
 
-    `vehicle` is what the computer takes the vehicle for: a plant, whose `allocate` turns the law's command into inputs
-    of actuators, from what was measured at that instant. The law is stepped by its own `advance`, with `euler` by
-    Euler's method. Nothing is asked of the actuators before the first instant. The integrator steps nothing of the law,
-    so that poles and rates of the law in continuous time, and the stability conditions on them, do not apply.
+    `vehicle` is the computer's own model of the vehicle: a plant whose `allocate` turns the law's command into actuator
+    inputs, from the measurement at that instant. The law is stepped by its own `advance`, with `euler` by Euler's
+    method. The inputs are 0 before the first instant. The integrator steps nothing of the law, so the poles and rates
+    of the law in continuous time, and the stability conditions on them, do not apply.
 
-    With a `prediction` the law acts on where the vehicle will be when its command arrives. What it wants runs through
+    With a `prediction` the law acts on where the vehicle will be when its command arrives. Its command passes through
     `vehicle.allocate`, then `compensation` of the deadzones, then the limits of `anti_windup`; what these cut off is
-    taken back from the law by what is believed to be delivered of the rest.
+    fed back to the law, in terms of what the rest is expected to deliver.
 
     Attributes:
         inner: the law that it runs.
-        vehicle: what it takes the vehicle for; the scenario's unless told.
-        period: time between two commands: one over the control rate.
-        anti_windup: what the law is told of the limits of its inputs.
+        vehicle: the computer's model of the vehicle; by default that of the scenario.
+        period: sampling period, the time between two commands.
+        anti_windup: how the law takes the limits of its inputs into account.
         compensation: the inverse of the deadzones.
-        prediction: what it does against delay.
+        prediction: the compensation of delay.
         euler: whether the law is stepped by Euler's method.
     """
 

@@ -115,7 +115,7 @@ def first_bad(tuner: Tuner, index: int) -> Sick | None:
         state = np.concatenate([np.asarray(trajectory.position), np.asarray(trajectory.velocity)], axis=1)
         held = np.all(state == state[-1], axis=1)
         step = int(len(held) - np.argmin(held[::-1])) if not held.all() else 0
-        return Sick(index, step, step * tuner.timing.dt, "the vehicle's state exceeds scenario.limit (diverged; frozen from here on)")
+        return Sick(index, step, step * tuner.timing.dt, "the state exceeds scenario.limit: diverged, frozen here")
     return None
 
 

@@ -67,7 +67,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
 def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
     """Plain numbers on both, and below the gains their names in columns."""
     if not norm.lines:
-        norm.text(0.5, 0.5, "the best gains were found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
+        norm.text(0.5, 0.5, "best gains: found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
         norm.set(yticks=[])
     for part in (
         (norm, gain) if norm.lines else (gain,)
