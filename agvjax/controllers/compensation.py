@@ -74,8 +74,8 @@ class Inverse(Compensation):
     The slope m = `slope` m_b and the threshold s = `threshold` s_b are those of the side that d is on, eq. (11), with
     the assumed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0, so that a demand around
     zero does not make an actuator chatter across its whole deadzone. A `lead` first adds lead x d' (by differences),
-    which compensates a lag. The limits of the computer's anti-windup follow. There is no step where an assumed threshold
-    is 0; an actuator that is not named in `believed` receives d unchanged.
+    which compensates a lag. The limits of the computer's anti-windup follow. There is no step if the threshold is
+    0; an actuator not named in `believed` receives d unchanged.
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the inverse
     with the step; smoothed as is usual.

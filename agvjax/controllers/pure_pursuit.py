@@ -28,7 +28,7 @@ class RegulatedPurePursuit(Regulated):
 
     Attributes:
         desired_linear_vel: desired speed; the route's speed profile limits it too.
-        lookahead_dist: look-ahead distance (to the carrot), unless it grows with speed.
+        lookahead_dist: look-ahead distance to the carrot, unless it grows with speed.
         min_lookahead_dist: smallest look-ahead distance, where it grows with speed.
         max_lookahead_dist: largest look-ahead distance, where it grows with speed.
         lookahead_time: look-ahead distance divided by speed, where it grows with speed.

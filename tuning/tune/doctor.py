@@ -154,8 +154,8 @@ def page(diagnosis: Diagnosis) -> str:
         count = {v: sum(s.verdict == v for s in diagnosis.slopes) for v in ("agree", "kink", "DISAGREE")}
         lines.append(
             f"{count['agree']} slopes agree with central differences, {count['kink']} lie at a kink between the slopes"
-            f" of either side, {count['DISAGREE']} disagree. Slope: relative change of a requirement per relative change"
-            f" of a gain."
+            f" of either side, {count['DISAGREE']} disagree. Slope: relative change of a requirement per relative"
+            " change of a gain."
         )
     lines.append(
         "Gradients can be trusted." if diagnosis.healthy else "**Do not trust the gradients of this problem.**"

@@ -15,17 +15,19 @@ from agvjax.metric_table import METRICS, metrics_of
 from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
-from ..io.pages import grid, picture, publish
+from ..io.pages import grid, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import caveats, figures, populations, tables
 from .finer import baseline_of
 from .gains import value_of
 from .judge import TuneVerdict
+from .meanings import of_gains, of_metrics
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Run
 
 LINES, ROWS = 15, 7  # that a terminal is told, and of these of a table
 SENSITIVITIES, SEEN, SEARCH = "Requirements and their sensitivities", "On the tuning scenarios", "The search"
+SYMBOLS = "What these mean"
 NOMINAL = (
     "The configured vehicle with the starting gains (grey, dashed) and the tuned gains (blue): its path, and over time"
     " its error and the command before the deadzone."
@@ -40,12 +42,6 @@ CONDITIONS = """
 "Lower bound" is the law's own stability condition (for the paper's law eqs. (48), (52), (70)) at the smallest deadzone
 slopes that the ensemble can draw, times `tune.stability_margin`; the gains satisfy it by construction.
 """
-
-TIMED = """total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
-{late:g} s, past the start; effort the same of the commands before the deadzone."""
-ROUTED = """cross_track is the RMS distance to the nearest point of the route, late after
-{late:g} s, past the start, and peak the largest; pace the time for each metre; total_chatter
-the sum of the total variations of speed and yaw rate that are asked for."""
 
 
 def conclusion(verdict: TuneVerdict) -> str:
@@ -81,8 +77,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     counts = (
         f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
         f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
-        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} undone because no gradient there was"
-        f" usable.{_drawn(run)}"
+        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} undone because no gradient there"
+        f" was usable.{_drawn(run)}"
     )
     smooth = _smooth_note(objective.metrics)
     learned = "\n".join(f"* {line}" for line in tables.identifiability(verdict.findings))
@@ -90,7 +86,6 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
     searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
     conditions = CONDITIONS if tuned.stability else ""
-    explained = (ROUTED if config.controller.follows() else TIMED).format(late=config.criteria.late)
     baseline = baseline_of(problem, verdict.start)
     worst_table = tables.rounds(outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst)
     return f"""# Tuned gains
@@ -113,8 +108,11 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 {tables.comparison(before["validation"], after["validation"], names)}
 
-{explained} Mean and worst are over the runs that did not
-diverge. Evaluated at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+Mean and worst are over the runs that did not diverge. Evaluated at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+
+## {SYMBOLS}
+
+{symbols(outcome)}
 {_path(config)}
 ## The worst case
 
@@ -178,6 +176,13 @@ def _times(new: float, old: float) -> str:
 def moved(outcome: Outcome) -> tuple[str, ...]:
     """The gains that were tuned, without those that were left as they are."""
     return tuple(name for name, m in zip(outcome.problem.tuner.gains.names, outcome.run.moving, strict=True) if m)
+
+
+def symbols(outcome: Outcome) -> str:
+    """What the gains and metrics of the tables mean."""
+    config, tuned = outcome.problem.config, outcome.problem.tuner.gains
+    gains = tuple(dict.fromkeys((*moved(outcome), *tuned.tied, *tuned.stability)))
+    return meanings(of_gains(outcome.controller, gains) | of_metrics(shown(outcome.problem), config.criteria))
 
 
 def shown(problem: TuningProblem) -> tuple[str, ...]:
@@ -259,7 +264,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
     lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
-    publish(out, text, (SENSITIVITIES, SEEN, SEARCH))
+    publish(out, text, (SYMBOLS, SENSITIVITIES, SEEN, SEARCH))
     return "\n\n".join([brief(outcome, verdict), *lost])
 
 

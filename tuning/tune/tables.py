@@ -115,8 +115,8 @@ def identifiability(findings: Findings) -> list[str]:
         f" {strength[-1] / strength[0]:.1e} of the largest sensitivity."
     ]
     sentences += [
-        f"{names[i]} and {names[j]} cannot be distinguished: they have the same effect on every metric of every scenario"
-        f" (cosine {cosine:+.3f})."
+        f"{names[i]} and {names[j]} cannot be distinguished: they have the same effect on every metric of every"
+        f" scenario (cosine {cosine:+.3f})."
         for i, j, cosine in alike
     ]
     felt = np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
