@@ -108,7 +108,8 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 {tables.comparison(before["validation"], after["validation"], names)}
 
-Mean and worst are over the runs that did not diverge. Evaluated at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+Mean and worst are over the runs that did not diverge. Evaluated at steps of
+{config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 
 ## {SYMBOLS}
 
