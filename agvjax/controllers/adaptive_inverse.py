@@ -1,4 +1,4 @@
-"""The inverse of deadzones that are not known well: beliefs that learn from how the vehicle answers."""
+"""An adaptive inverse for deadzones that are not known well, from the measured response of the vehicle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..protocols import Inputs, Plant
 from .compensation import Inverse, believed_of
 from .replay import MOST_SLOTS, joined, memoryless, stepped, under_way
 
-FASTEST = 2.0  # rate up to which beliefs come nearer to the truth
+FASTEST = 2.0  # rate up to which estimates approach the truth
 
 
 @pytree
@@ -77,7 +77,7 @@ class AdaptiveInverse(Inverse):
     tunable = ("width", "quiet", "rate")
 
     def hold(self, wanted: Inputs, measurement: Measurement) -> Learnt:
-        """Beliefs as at first; nothing under way."""
+        """Initial estimates; no inputs under way."""
         believed_of(self.believed, wanted)
         return Learnt(
             wanted={name: jnp.zeros_like(d) for name, d in wanted.items()},
@@ -109,7 +109,7 @@ class AdaptiveInverse(Inverse):
         return dataclasses.replace(memory, beliefs=beliefs, before=measurement, begun=jnp.ones_like(memory.begun))
 
     def sent(self, memory: Learnt, wanted: Inputs, period: Real) -> tuple[Inputs, Learnt]:
-        """Lead, then the inverse of what is believed now."""
+        """Lead, then the inverse of the present estimates."""
         sent = self._now(memory).inverted(self.led(memory.wanted, wanted, period))
         return sent, dataclasses.replace(memory, wanted=wanted)
 
@@ -118,11 +118,11 @@ class AdaptiveInverse(Inverse):
         return dataclasses.replace(memory, way=joined(memory.way, sent))
 
     def delivered(self, memory: Learnt, sent: Inputs) -> Inputs:
-        """What the deadzones that are believed in now make of it."""
+        """The output of the deadzones as estimated now."""
         return self._now(memory).delivered((), sent)
 
     def zones(self, memory: Learnt) -> dict[str, Deadzone]:
-        """By actuator the deadzone that is believed in now."""
+        """The deadzone of each actuator as estimated now."""
         found, usual = {}, self._usual(memory.wanted)
         for name, x in memory.beliefs.items():
             s = jnp.maximum(usual[name][None] - x[2:] / x[:2], 0)
@@ -130,11 +130,11 @@ class AdaptiveInverse(Inverse):
         return found
 
     def upper_bounds(self, period: float) -> dict[str, float]:
-        """The rate of its proof, and a delay no longer than what is remembered."""
+        """The rate of its proof, and a delay no longer than the inputs stored."""
         return {"rate": FASTEST, "delay": (self.slots - 1) * period}
 
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
-        """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle that remembers."""
+        """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle with memory."""
         found = super().faults(vehicle, period)
         if period is None:
             return [*found, Fault("type", type(self).__name__, "one that needs no computer: use sampled, or inverse")]
@@ -145,7 +145,7 @@ class AdaptiveInverse(Inverse):
             zone = self.believed.get(name, Deadzone())
             largest = float(np.max(np.stack([zone.threshold_right, zone.threshold_left])))
             if not usual > largest:
-                rule = f"above the thresholds that are believed in, of {name} {largest:g}"
+                rule = f"above the assumed thresholds, of {name} {largest:g}"
                 found.append(Fault("usual", np.asarray(self.usual).tolist(), rule))
         if np.max(np.asarray(self.rate)) > FASTEST:
             found.append(Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, of its proof"))
@@ -158,7 +158,7 @@ class AdaptiveInverse(Inverse):
         return [*found, *memoryless(vehicle, self)]
 
     def _now(self, memory: Learnt) -> Inverse:
-        """The inverse of what is believed now."""
+        """The inverse of the present estimates."""
         numbers = {f.name: self.__dict__[f.name] for f in dataclasses.fields(Inverse)}
         return Inverse(**{**numbers, "believed": self.zones(memory)})
 
@@ -188,14 +188,14 @@ class AdaptiveInverse(Inverse):
 
 
 def _slopes(along: Callable[[dict[str, Array]], Array], at: dict[str, Array], name: str) -> Array:
-    """Derivatives (3, 4, *n) by the beliefs about one actuator, one by one, so that they can be exported as numbers."""
+    """Derivatives (3, 4, *n) by the estimates of one actuator, one by one, so that they can be exported as numbers."""
     x, still = at[name], {n: jnp.zeros_like(value) for n, value in at.items()}
     units = np.eye(x.size).reshape(x.size, *x.shape)
     return jnp.stack([along({**still, name: jnp.asarray(unit, x.dtype)}) for unit in units], -1).reshape(3, *x.shape)
 
 
 def _of(x: Array, usual: Array, u: Array) -> Array:
-    """What is delivered of an input by these beliefs."""
+    """The output for an input by these estimates."""
     right, left = jnp.maximum(x[:2] * (jnp.stack([u, -u]) - usual[None]) + x[2:], 0)
     return jnp.where(u > 0, right, -left)
 

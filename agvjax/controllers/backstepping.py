@@ -36,7 +36,7 @@ class BacksteppingState:
 
 @pytree
 class KnownSlopes:
-    """The true slopes of a deadzone as a belief, the one that the command's own sign selects (readings R2, R3).
+    """The true slopes of a deadzone, known to the law; the sign of the command selects one (readings R2, R3).
 
     The sign depends on the slope and the slope on the sign. Where both signs are consistent the right one is taken,
     where neither is, the command is 0.
@@ -47,7 +47,7 @@ class KnownSlopes:
 
 
 def _divided(belief: Real | KnownSlopes, feedback: Array, rest: Array) -> tuple[Array, Real]:
-    """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is believed constant or known by sign."""
+    """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is assumed constant or known by sign."""
     if not isinstance(belief, KnownSlopes):
         inverse = 1 / belief  # one reciprocal a gain leaves the hot loop, a division by it would not
         return feedback + rest * inverse, inverse
@@ -215,7 +215,7 @@ class Backstepping(Law):
         """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied.
 
         The filter moves by what would have asked for the applied command, (41) being -k2 (chi2 - phi1) + phi1'; the
-        integral of the position error stands still while anything is `limited`.
+        integral of the position error is frozen while anything is `limited`.
         """
         return dataclasses.replace(
             later,
@@ -242,7 +242,7 @@ class Backstepping(Law):
         return ()
 
     def poles(self) -> np.ndarray:
-        """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
+        """Poles of the fastest part, the command filter [1/s], which the integrator's step must resolve."""
         return self.filter.poles(float(self.omega_n), float(self.zeta))
 
     @property

@@ -43,11 +43,11 @@ class Compensation:
         return wanted
 
     def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
-        """What it believes the actuators to deliver."""
+        """The outputs that it expects of the actuators."""
         return sent
 
     def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
-        """The same with these deadzones for those that it believes in."""
+        """The same with these deadzones in place of the assumed ones."""
         return self
 
     def upper_bounds(self, period: float) -> dict[str, float]:
@@ -99,7 +99,7 @@ class Inverse(Compensation):
     tunable = ("slope", "threshold", "width", "quiet")
 
     def hold(self, wanted: Inputs, measurement: Measurement) -> PyTree:
-        """What was wanted last: nothing."""
+        """Nothing was wanted before."""
         return {name: jnp.zeros_like(d) for name, d in wanted.items()}
 
     def sent(self, memory: PyTree, wanted: Inputs, period: Real) -> tuple[Inputs, PyTree]:
@@ -111,7 +111,7 @@ class Inverse(Compensation):
         return {n: d + self.lead / period * (d - before[n]) for n, d in wanted.items()}
 
     def inverted(self, wanted: Inputs) -> Inputs:
-        """What must be sent, by the beliefs, for what is to be delivered."""
+        """What must be sent for the wanted outputs, by the assumed deadzones."""
         zones = believed_of(self.believed, wanted)
         return {name: self._step(zones[name], d) if name in zones else d for name, d in wanted.items()}
 
@@ -124,15 +124,15 @@ class Inverse(Compensation):
         return d / m + jnp.where(there, self.threshold * s * jnp.tanh(beyond), 0.0) * jnp.sign(d)
 
     def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
-        """What the believed deadzones make of it."""
+        """The output of the assumed deadzones."""
         return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
 
     def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
-        """Of the actuators that it believes something of."""
+        """Only for the actuators with an assumed deadzone."""
         return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
 
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
-        """Beliefs about no actuator of the vehicle, or none at all; a lead without a period to look back on."""
+        """A deadzone of no actuator of the vehicle, or none at all; a lead without a sampling period."""
         found, rule = [], f"by actuator of the vehicle, {', '.join(vehicle.actuators)}, at least one"
         if not (self.believed and set(self.believed) <= set(vehicle.actuators)):
             found.append(Fault("believed", ", ".join(self.believed) or "nothing", rule))
@@ -143,12 +143,12 @@ class Inverse(Compensation):
 
 
 def believed_of(believed: Mapping[str, Deadzone], inputs: Inputs) -> Mapping[str, Deadzone]:
-    """The deadzones that are believed in.
+    """The assumed deadzones.
 
     Raises:
         ValueError: there are none, or one is of no actuator that has an input.
     """
     if not believed or not set(believed) <= set(inputs):
         known = f"the actuators are {', '.join(inputs)}, the deadzones given those of {', '.join(believed) or 'none'}"
-        raise ValueError(f"what is believed must be by actuator, believed=scenario.deadzone for one: {known}")
+        raise ValueError(f"believed must map actuators to deadzones, for example believed=scenario.deadzone: {known}")
     return believed

@@ -18,8 +18,8 @@ NEAR = 0.3  # least of 1 - curvature x deviation
 class PathPID(Regulated):
     """kappa = kappa_d(s + |v| ahead) cos e_psi / (1 - kappa_d e) - k_y e - k_psi sin e_psi - k_i I, w = v kappa.
 
-    e [m] is the deviation to the left of travel, e_psi [rad] the heading's, kappa_d the route's curvature, looked at
-    `ahead` seconds before it is needed. I is the integral of e, kept within +-`windup`.
+    e [m] is the deviation to the left of travel, e_psi [rad] that of the heading, kappa_d the route's curvature, used
+    `ahead` seconds early. I is the integral of e, kept within +-`windup`.
 
     Attributes:
         k_y: gain on the deviation from the route.

@@ -37,7 +37,7 @@ class Prediction:
         return memory
 
     def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
-        """The same with these deadzones for those that it believes in."""
+        """The same with these deadzones in place of the assumed ones."""
         return self
 
     def upper_bounds(self, period: float) -> dict[str, float]:
@@ -45,7 +45,7 @@ class Prediction:
         return {}
 
     def faults(self, vehicle: Plant, period: float) -> list[Fault]:
-        """What of it does not suit the vehicle that a computer believes in; keys are relative to it."""
+        """What does not suit the computer's model of the vehicle; keys are relative to it."""
         return []
 
 
@@ -105,15 +105,15 @@ class Predictor(Prediction):
         return joined(memory, sent)
 
     def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
-        """Of the actuators that it believes something of."""
+        """Only for the actuators with an assumed deadzone."""
         return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
 
     def upper_bounds(self, period: float) -> dict[str, float]:
-        """A delay is no longer than what is remembered."""
+        """A delay is no longer than the inputs stored."""
         return {"delay": self.slots * period}
 
     def faults(self, vehicle: Plant, period: float) -> list[Fault]:
-        """Too few slots or too many, beliefs about no actuator, or a vehicle that remembers."""
+        """Too few slots or too many, a deadzone of no actuator, or a vehicle with memory."""
         found, longest = [], float(np.max(np.asarray(self.delay)))
         needed = int(np.ceil(longest / period - 1e-9))
         if not needed <= self.slots <= MOST_SLOTS:

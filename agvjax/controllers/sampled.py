@@ -111,7 +111,7 @@ class Sampled(Allocating):
     def step(
         self, state: PyTree, measurement: Measurement, reference: Reference, memory: Remembered | None = None
     ) -> Computed:
-        """One period: pure, and all that the computer does.
+        """One period: a pure function, and everything that the computer does.
 
         `state` is that of the law inside, see `inner.init`; `memory` what else it remembers, None before the first.
         """
@@ -151,11 +151,11 @@ class Sampled(Allocating):
         return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
-        """Nothing of it flows: the state of the inner law jumps."""
+        """No continuous state: the state of the inner law jumps."""
         return ()
 
     def hold(self, measurement: Measurement, reference: Reference) -> Computed:
-        """The inner law at its start, and nothing asked for yet.
+        """The inner law at its start, and no command yet.
 
         Raises:
             ValueError: the inner law has a memory that jumps, which only a loop in continuous time can keep.
@@ -181,7 +181,7 @@ class Sampled(Allocating):
         return self.period
 
     def limited(self, memory: Computed) -> Bool[Array, ""]:
-        """Whether the law keeps back something that it would like to ask for."""
+        """Whether the law's command is limited."""
         return memory.limited
 
     def state(self, flow: tuple[()], memory: Computed) -> PyTree:
@@ -201,7 +201,7 @@ class Sampled(Allocating):
         return {}
 
     def upper_bounds(self, stable: Stable) -> dict[str, float]:
-        """What a period can hold: a rate of 2 / period is where a held proportional loop ends to be stable."""
+        """Limits set by the period: with a zero-order hold a proportional loop is stable up to a rate of 2 / period."""
         fastest = 2 / float(self.period)
         bounds = {"k1": fastest, "k2": fastest, "k3": fastest, "omega_n": np.pi * fastest, "zeta": 3.0}
         parts, period = {"prediction": self.prediction, "compensation": self.compensation}, float(self.period)
@@ -209,7 +209,7 @@ class Sampled(Allocating):
         return own | {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
 
     def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
-        """No conditions: those of the inner law are proved in continuous time."""
+        """No conditions: those of the inner law are proved in continuous time only."""
         return {}
 
     def input_limits(self) -> Float[Array, " m"] | None:

@@ -20,8 +20,8 @@ class Stanley(Regulated):
     """delta = -(e_psi - k_yaw (w_d - w)) - atan(k e / (k_soft + v)), w = v tan(delta) / wheelbase + w_d.
 
     e [m] is the deviation of the front axle to the left of the route and e_psi [rad] the heading's, both where the
-    front axle is nearest; w_d is the yaw rate of the route there, so that no deviation is needed to drive a curve. A
-    base without a steered wheel has its front axle as far ahead as it is told.
+    front axle is nearest; w_d is the yaw rate of the route there, so that a curve needs no deviation. For a base
+    without a steered wheel the front axle is a point `wheelbase` ahead.
 
     Attributes:
         k: gain on the deviation of the front axle.

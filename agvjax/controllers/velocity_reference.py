@@ -27,9 +27,9 @@ class Referred:
 class VelocityReference(Wrapping):
     """A law of the paper's kind on a base: its acceleration, eq. (4), integrated to the twist that is sent.
 
-    The law sees the point `L` ahead of the axle, eq. (2), and asks for its acceleration U_bar. Along the body that
-    changes the speed, across it, by the lever L, the yaw rate: v' = a + L w^2, w' = (u_t - v w) / L of the reference
-    itself, kept within `largest`. It runs in a computer, `Sampled`.
+    The law controls the point `L` ahead of the axle, eq. (2), by its acceleration U_bar. Its component along the body
+    changes the speed, its lateral component, by the lever L, the yaw rate: v' = a + L w^2, w' = (u_t - v w) / L of the
+    reference itself, kept within `largest`. It runs in a computer, `Sampled`.
 
     Attributes:
         inner: the law.

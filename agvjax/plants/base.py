@@ -109,16 +109,16 @@ class Driven(Plant):
 class Base(Driven):
     """A base on two driven wheels side by side, sent the speed of each wheel's rim.
 
-    A law knows the `track` that its own vehicle has (`Sampled.vehicle`): another one here is an error of calibration,
-    as are `left` and `right`, by which the wheels are larger than they are taken for.
+    A law uses the `track` of its own model (`Sampled.vehicle`): a different one here is a calibration error, as are
+    `left` and `right`, the true wheel sizes relative to the assumed ones.
     """
 
     track: Real = number(0.5, "m", POSITIVE, "distance between the wheels")
     time_constant: Real = number(0.15, "s", POSITIVE, "of each motor's speed")
-    acceleration: Real = number(1.0, "m/s^2", POSITIVE, "most of each wheel")
+    acceleration: Real = number(1.0, "m/s^2", POSITIVE, "limit of each wheel")
     drift: Real = number(0.0, "rad/s", ANY, "adds to the yaw rate")
-    left: Real = number(1.0, "1", POSITIVE, "size of the left wheel, of what it is taken for")
-    right: Real = number(1.0, "1", POSITIVE, "size of the right wheel, of what it is taken for")
+    left: Real = number(1.0, "1", POSITIVE, "size of the left wheel, relative to the assumed size")
+    right: Real = number(1.0, "1", POSITIVE, "size of the right wheel, relative to the assumed size")
 
     actuators = ("left", "right")
     units: ClassVar[Mapping[str, str]] = {"left": "m/s", "right": "m/s"}
@@ -148,7 +148,7 @@ class TwistBase(Driven):
     """A base whose motor controller is sent the twist itself: deadzones on speed and on yaw rate."""
 
     time_constants: Array | np.ndarray = number((0.15, 0.15), "s", POSITIVE, "of speed and of yaw rate", shape=(2,))
-    accelerations: Array | np.ndarray = number((1.0, 3.0), "m/s^2, rad/s^2", POSITIVE, "most of each", shape=(2,))
+    accelerations: Array | np.ndarray = number((1.0, 3.0), "m/s^2, rad/s^2", POSITIVE, "limit of each", shape=(2,))
     drift: Real = number(0.0, "rad/s", ANY, "adds to the yaw rate")
 
     actuators = ("speed", "yaw_rate")
@@ -184,8 +184,8 @@ class Ackermann(Driven):
     `behind`, a positive angle turns the vehicle to the right when it drives forwards, and so is sent negative.
 
     Attributes:
-        acceleration: most of the speed.
-        steering_rate: how fast the steering angle changes at most.
+        acceleration: limit of the acceleration.
+        steering_rate: limit of the steering rate.
         behind: whether the steered wheel is behind the fixed axle, as that of a forklift.
     """
 
