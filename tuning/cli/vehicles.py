@@ -1,4 +1,4 @@
-"""`agvjax vehicles`: what is left of the controller on vehicles one can meet."""
+"""`agvjax vehicles`: the controller on realistic vehicle models."""
 
 from __future__ import annotations
 

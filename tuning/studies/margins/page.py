@@ -47,7 +47,7 @@ class Worst(NamedTuple):
 
 
 def tightest(found: Found) -> Worst | None:
-    """The loop that bears the least delay; None where no loop could be looked at."""
+    """The loop with the smallest delay margin; None if no loop could be linearised."""
     delays = found.values("delay")
     if not np.isfinite(delays).any():
         return None

@@ -47,7 +47,7 @@ def network(found: Reproduction) -> str:
     lines = []
     for row in found.network:
         b1 = "no network" if row["b1"] is None else f"{row['b1']:g}"
-        slopes = "known" if row["known_slopes"] else "belief"
+        slopes = "known" if row["known_slopes"] else "assumed"
         errors = [f"{row[f'rmse_{c}']:.5f}" for c in CHANNELS]
         lines.append([b1, slopes, row["gain_position"], row["gain_heading"], *errors])
     return grid(header, lines)

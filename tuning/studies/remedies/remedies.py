@@ -161,7 +161,7 @@ def _slopes(config: Config, law: Any) -> Remedy:
 
 
 def _inverses(config: Config, law: agvjax.Law) -> dict[str, Remedy]:
-    """One law; those that differ in what is believed alone differ in data alone, and share what is compiled."""
+    """One law; those that differ only in the assumed deadzone differ only in data, and share the compiled program."""
     zones, found = deadzones(config), {}
     made = _compensated(config, law, agvjax.Inverse(believed=zones))
     own = _own(config, made)
@@ -172,7 +172,7 @@ def _inverses(config: Config, law: agvjax.Law) -> dict[str, Remedy]:
 
 
 def truths(zones: Mapping[str, agvjax.Deadzone], factor: float = 1.0, nominal: bool = False) -> dict[str, Known]:
-    """An inverse's beliefs: each vehicle's own deadzone or the nominal one, thresholds times `factor`."""
+    """The deadzone that an inverse assumes: each vehicle's own or the nominal one, thresholds times `factor`."""
     known = {}
     for name, zone in zones.items():
         for part, value in agvjax.leaves(zone).items():
