@@ -137,7 +137,10 @@ class AdaptiveInverse(Inverse):
         """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle with memory."""
         found = super().faults(vehicle, period)
         if period is None:
-            return [*found, Fault("type", type(self).__name__, "one that needs no computer: use sampled, or inverse")]
+            return [
+                *found,
+                Fault("type", type(self).__name__, "one for continuous time: use inverse, or a sampled law"),
+            ]
         if np.size(self.usual) != len(vehicle.actuators):
             rule = f"one for each of {', '.join(vehicle.actuators)}"
             return [*found, Fault("usual", np.asarray(self.usual).tolist(), rule)]
@@ -148,7 +151,9 @@ class AdaptiveInverse(Inverse):
                 rule = f"above the assumed thresholds, of {name} {largest:g}"
                 found.append(Fault("usual", np.asarray(self.usual).tolist(), rule))
         if np.max(np.asarray(self.rate)) > FASTEST:
-            found.append(Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, of its proof"))
+            found.append(
+                Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, from its stability proof")
+            )
         if not np.min(np.asarray(self.farthest)) > 1:
             found.append(Fault("farthest", float(np.min(np.asarray(self.farthest))), "greater than 1"))
         needed = 1 + int(np.ceil(float(np.max(np.asarray(self.delay))) / period - 1e-9))

@@ -99,7 +99,7 @@ QUESTIONS = {
         "how uncertain these numbers are; 1: as for a base that was never measured", "", _all(usual=1.0), high=1.5
     ),
 }
-LEFT = ("lag", "track", "wheelbase", "corner", "uncertainty", "turn_acceleration")  # not asked: the default is said
+LEFT = ("lag", "track", "wheelbase", "corner", "uncertainty", "turn_acceleration")  # not asked: the default is printed
 
 
 def spelled(name: str) -> str:
