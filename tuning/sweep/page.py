@@ -9,7 +9,8 @@ import numpy as np
 
 from agvjax.metric_table import METRICS
 
-from ..io.pages import grid, picture
+from ..io.pages import grid, meanings, picture
+from ..tune.meanings import of_metrics
 from .design import SENSITIVITY
 from .findings import QUANTILES, worst
 from .radius import Radius
@@ -38,6 +39,7 @@ def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder:
         *(["## How far may the parameters deviate?", *further] if (further := _radii(results, judged)[1:]) else []),
     ]
     blocks += [*(["## Further figures", *others] if others else []), f"## {METRIC_TABLE}", _metrics(results, judged)]
+    blocks += [meanings(of_metrics(tuple(results.metrics), results.config.criteria))]
     blocks += [*_sensitivity(results, judged), f"## {WORST_TABLE}", *_worst(results, judged, folder)]
     return "\n\n".join(blocks) + "\n"
 

@@ -16,6 +16,7 @@ from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from .followers import LABELS, Comparison, Tuned
 
 COMPARED = (
@@ -134,11 +135,11 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: l
     config = comparison.config
     sizes, first = config.ensemble, "\n".join(f"* {line}" for line in said)
     gains = grid(
-        ["law", "gain", "own", "tuned"],
+        ["law", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
             for name, tuned in found.items()
-            for gain in tuned.gains
+            for gain, meaning in of_gains(tuned.start, tuned.gains).items()
         ],
     )
     limits = ", ".join(config.tune.limits) or "none"

@@ -17,6 +17,7 @@ from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -139,11 +140,11 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
         [[name, *comparison.of(name)] for name in BUDGET],
     )
     gains = grid(
-        ["law", "gain", "own", "tuned"],
+        ["law", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
             for name, tuned in found.items()
-            for gain in spread(tuned.start, tuned.controller.gains_to_tune())
+            for gain, meaning in of_gains(tuned.start, spread(tuned.start, tuned.controller.gains_to_tune())).items()
         ],
     )
     said = "\n".join(f"* {line}" for line in statements(made))

@@ -18,6 +18,7 @@ from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from ..captions import caption, image
 from .remedies import LABELS
 from .study import Judged, Study
@@ -108,11 +109,11 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
         [[name, limit.mean, limit.worst, limit.cvar] for name, limit in config.tune.limits.items()],
     )
     gains = grid(
-        ["remedy", "gain", "own", "tuned"],
+        ["remedy", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain)]
+            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain), meaning]
             for name, one in judged.items()
-            for gain in one.found.gains
+            for gain, meaning in of_gains(one.remedy.law, one.found.gains).items()
         ],
     )
     left = "\n".join(f"* {LABELS[name]}: {why}." for name, why in study.remedies.left_out.items()) or "* none"

@@ -10,8 +10,9 @@ import agvjax
 
 from ...config import dump
 from ...io import files
-from ...io.pages import grid, picture, publish
+from ...io.pages import grid, meanings, picture, publish
 from ...io.pictures import Drawing, write_figures
+from ...tune.meanings import of_gains
 from . import figures
 from .place import Place, place
 from .study import Study, at
@@ -155,6 +156,8 @@ gap above the highest that holds up to {config.speed.halvings} times. Between th
 ## The gains
 
 {gains}
+
+{meanings(of_gains(config.controller, names))}
 
 Made by `agvjax speed`, seed {config.seed}.
 """
