@@ -284,7 +284,7 @@ class Metrics:
 
     @property
     def reversals(self) -> Float[Array, ""]:
-        """How often what actuators deliver changes direction, summed; a count, without a slope."""
+        """How often actuator outputs change sign, summed; a count, without a slope."""
         return jnp.sum(_judged(self.reversals_delivered), -1)
 
     def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
