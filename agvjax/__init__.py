@@ -8,10 +8,10 @@ silent or contradicts itself is marked `reading R..` where it matters.
 |---|---|---|
 | `position`, `velocity` | chi1, chi2 | reference point (x_n, y_n) [m] and its rate [m/s], eqs. (2), (7) |
 | `heading` | psi | orientation [rad] |
-| `command` | U_bar, omega_bar | what the law asks for, before the deadzone [m/s^2, rad/s] |
-| `delivered` | U, omega | what the actuators deliver |
+| `command` | U_bar, omega_bar | command of the law, before the deadzone [m/s^2, rad/s] |
+| `delivered` | U, omega | output of the actuators |
 | `slope_*`, `threshold_*` | Pi_r, Pi_l, s_r, s_l | deadzone, eq. (11) |
-| `Pi_hat`, `Pi_psi_hat` | Pi, Pi_psi | the slopes the controller believes in (readings R2, R3) |
+| `Pi_hat`, `Pi_psi_hat` | Pi, Pi_psi | deadzone slopes that the controller assumes (readings R2, R3) |
 | `k1, k2, k3, Lam, Lam_psi` | k1, k2, k3, Lambda, Lambda_psi | gains |
 | `omega_n`, `zeta` | omega_n, Psi or Phi | command filter (reading R6) |
 | `phi1, phi2` | phi1, phi2 | command filter's state, eq. (22) |

@@ -19,7 +19,7 @@ from .timing import whole
 
 T = TypeVar("T")
 LARGEST = 1e30  # of a number in size: products of several larger ones are beyond what a computer holds
-COARSE = 0.01  # error of a mode beyond which a step is worth a word
+COARSE = 0.01  # error of a mode beyond which a step gets a note
 
 
 def faults(tree: PyTree, name: str = "") -> list[Fault]:
@@ -112,7 +112,7 @@ def step_warnings(controller: Law, dt: float, integrator: Integrator) -> list[st
 
 
 def check(tree: T, dtype: DTypeLike | None = None) -> T:
-    """A controller or scenario, found usable, its numbers in the run's dtype (an integer gain would stop `jax.grad`).
+    """A controller or scenario, validated, its numbers in the run's dtype (an integer gain would stop `jax.grad`).
 
     Raises:
         InputError: a ValueError that lists every bad leaf, its value, the rule and its source.

@@ -24,7 +24,7 @@ CHANNEL_UNIT = "m/s^2; rad/s in the heading"
 
 @pytree
 class NoDisturbance(Disturbance):
-    """Nothing pushes."""
+    """No disturbance."""
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """Zeros, shape (3,)."""
@@ -112,12 +112,12 @@ class CosineSum(Split):
 
 @pytree
 class Tone:
-    """What pushes in one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase).
+    """The disturbance of one channel: constant + cosine cos(omega t + phase) + sine sin(omega t + phase).
 
     Attributes:
-        constant: a constant push.
-        cosine: times cos(omega t + phase).
-        sine: times sin(omega t + phase).
+        constant: the constant part.
+        cosine: factor of cos(omega t + phase).
+        sine: factor of sin(omega t + phase).
     """
 
     constant: Real = number(0.0, CHANNEL_UNIT, ANY)
@@ -127,12 +127,12 @@ class Tone:
 
 @pytree
 class Harmonic(Split):
-    """A constant and one frequency in each channel, linear in all but the frequency: what can be told from a log.
+    """A constant and one frequency in each channel, linear in all but the frequency: it can be identified from a log.
 
     Attributes:
-        x: what pushes along x.
-        y: what pushes along y.
-        heading: what adds to the yaw rate.
+        x: disturbance along x.
+        y: disturbance along y.
+        heading: disturbance of the yaw rate.
         omega: angular frequency of all channels.
         phase: at t = 0.
     """
@@ -166,7 +166,7 @@ class BandLimitedNoise(Scaled):
         low: lowest angular frequency.
         high: highest angular frequency.
         seed: of the noise.
-        terms: cosines that it is a sum of.
+        terms: number of cosines.
     """
 
     amplitude: Real = number(0.2, UNIT, ANY, shape=(3,))
@@ -185,7 +185,7 @@ class BandLimitedNoise(Scaled):
 
 @pytree
 class Recorded(Scaled):
-    """A record: linear between its samples, before the first and after the last what they are."""
+    """A record: linear between its samples, constant before the first and after the last."""
 
     times: Float[Numbers, " N"] = number((0.0, 1.0), "s", INCREASING, shape=(None,))
     values: Float[Numbers, "N 3"] = dataclasses.field(default_factory=lambda: np.zeros((2, 3)))  # UNIT

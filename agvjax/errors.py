@@ -31,7 +31,7 @@ def told_apart(bound: float, value: float) -> str:
 
 
 class Fault(NamedTuple):
-    """One thing that is wrong: which key, what it holds, what it must be and why."""
+    """One fault: the key, its value, the rule that it breaks and the source of the rule."""
 
     key: str
     value: object
@@ -45,7 +45,7 @@ class Fault(NamedTuple):
 
 
 class InputError(ValueError):
-    """Values a person must mend; the message names every one of them, `faults` lists them."""
+    """Bad input; the message names every fault, `faults` lists them."""
 
     def __init__(self, faults: list[Fault]):
         self.faults = faults

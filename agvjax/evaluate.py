@@ -25,7 +25,7 @@ BLOCK = 128  # scenarios rolled out together: few enough for the cache of a CPU 
 
 @pytree
 class Batch:
-    """A scenario, or a controller, of which the leaves `names` carry a leading batch axis; see `batch`."""
+    """A scenario or controller whose leaves `names` have a leading batch axis; see `batch`."""
 
     scenario: PyTree  # or a law
     names: tuple[str, ...] = structure(())
@@ -54,16 +54,16 @@ class Batch:
 
 
 def batch(scenario: PyTree, values: Mapping[str, ArrayLike]) -> Batch:
-    """Vary the named leaves of a scenario or a controller; only they get a batch axis, all else is shared.
+    """Vary the named leaves of a scenario or a controller; only they get a batch axis, everything else is shared.
 
     Args:
         scenario: the scenario, or the controller, to vary.
         values: dotted leaf name -> array whose first axis is the batch, the same length for all.
 
     Raises:
-        KeyError: a name is none of its leaves.
-        ValueError: nothing varies, an array has no batch axis, the lengths differ, or a value has not the shape of its
-            leaf.
+        KeyError: a name is not one of its leaves.
+        ValueError: nothing varies, an array has no batch axis, the lengths differ, or a value does not have the shape
+            of its leaf.
     """
     if not values:
         raise ValueError("batch needs at least one leaf that varies")

@@ -46,7 +46,7 @@ class Demands(NamedTuple):
 
 @np.errstate(all="ignore")  # of a path that is not finite
 def demands(scenario: Scenario, horizon: float, points: int = POINTS) -> Demands:
-    """What following the scenario's path exactly takes over `horizon` [s], or to the end of an open `Waypoints`.
+    """What following the scenario's path exactly requires over `horizon` [s], or to the end of an open `Waypoints`.
 
     The heading at t = 0 is the one that the path's own past leads to: at t < 0, 30 lengths L back. Where that is not
     smooth, an open `Waypoints` has none at all, it begins later with a body that turns about the centre of curvature.
@@ -91,7 +91,7 @@ def limits(scenario: Scenario) -> dict[str, tuple[float, float]]:
 def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     """Why the path cannot be followed exactly, one sentence for each reason: quantity, what is needed, when, the limit.
 
-    Empty where nothing stands against it.
+    Empty if it can.
     """
     try:
         found, bounds = demands(scenario, horizon), limits(scenario)

@@ -16,7 +16,7 @@ Derivative = Callable[[State, PyTree], tuple[State, PyTree]]  # of state and sig
 
 
 class Integrator(NamedTuple):
-    """One explicit method: the instants it looks at, as fractions of the step, and the step itself.
+    """One explicit method: its nodes, as fractions of the step, and the step itself.
 
     `advance(f, x, h, signals)` returns x at the end of the step and what `f` saw at its start; `f(x, signal)` returns
     the derivative and what it sees, `signals` has one entry per node.

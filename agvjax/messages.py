@@ -11,7 +11,7 @@ from ._pytree import ANY, Real, number, pytree
 
 @pytree
 class Command:
-    """What a controller asks for, before the actuators: U_bar and omega_bar."""
+    """The command of a controller, before the actuators: U_bar and omega_bar."""
 
     position: Float[Array, "2"]  # m/s^2
     heading: Float[Array, ""]  # rad/s
@@ -21,7 +21,7 @@ class Command:
 
 @pytree
 class Measurement:
-    """What a controller sees of the vehicle."""
+    """What a controller measures of the vehicle."""
 
     position: Float[Array, "2"]  # m, the reference point (x_n, y_n), eq. (2)
     velocity: Float[Array, "2"]  # m/s
@@ -32,7 +32,7 @@ class Measurement:
 
 @pytree
 class Reference:
-    """What the path asks for at one instant."""
+    """The reference of the path at one instant."""
 
     position: Float[Array, "2"]  # m
     velocity: Float[Array, "2"]  # m/s

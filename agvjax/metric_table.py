@@ -1,7 +1,7 @@
 """The metrics of a run, and their table: one row a metric, with one name in Python, TOML, tables and docs.
 
-A field of `Metrics` has a number for each channel, and `NAME_x`, `NAME_y`, `NAME_heading` is one of them; what is over
-all channels is a property. A new metric is a field or a property here, a row in `METRICS`, and what it sums up in
+A field of `Metrics` has a number for each channel, and `NAME_x`, `NAME_y`, `NAME_heading` is one of them; a metric over
+all channels is a property. A new metric is a field or a property here, a row in `METRICS`, and what it accumulates in
 `agvjax.metrics`.
 """
 
@@ -27,13 +27,13 @@ class Metric(NamedTuple):
         name: in Python (`metrics[name]`), TOML, tables and docs.
         unit: of its values, for tables.
         text: what it is, for people.
-        heading: whether it is there only where the heading can be commanded.
-        delivered: whether it is there only with `Criteria.delivered`.
-        route: whether it is there only where the path is a route.
-        loop: whether it is of the linearised loop, by `agvjax.margins.with_margins`.
+        heading: whether it exists only if the heading can be commanded.
+        delivered: whether it exists only with `Criteria.delivered`.
+        route: whether it exists only if the path is a route.
+        loop: whether it is a property of the linearised loop, by `agvjax.margins.with_margins`.
         large: whether large is good, so that its worst is the smallest.
-        field: of `Metrics`, where that has another name.
-        channel: which channel of the field; None of a field without channels.
+        field: the field of `Metrics`, if it has another name.
+        channel: which channel of the field; None for a field without channels.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Metric(NamedTuple):
 def _by_axis(name: str, position: str, heading: str, text: str, field: str = "") -> list[Metric]:
     units = (position, position, heading)
     return [
-        Metric(f"{name}_{a}", units[i], f"{text} of {a}", heading=i == 2, field=field or name, channel=i)
+        Metric(f"{name}_{a}", units[i], f"{a}: {text}", heading=i == 2, field=field or name, channel=i)
         for i, a in enumerate(AXES)
     ]
 
@@ -60,44 +60,44 @@ METRICS: dict[str, Metric] = {
     row.name: row
     for row in (
         Metric("total_rmse", "m, rad", "root of the sum of the squared RMS errors of all channels"),
-        Metric("effort", "mixed", "RMS of the command of all channels, before the deadzone"),
+        Metric("effort", "mixed units", "RMS of the command of all channels, before the deadzone"),
         Metric("peak_position", "m/s^2", "largest command of x or y"),
         Metric("peak_heading", "rad/s", "largest command of the heading", heading=True),
-        Metric("total_chatter", "mixed", "total variation of the command, summed over the channels"),
+        Metric("total_chatter", "mixed units", "total variation of the command, summed over the channels"),
         Metric("longest_settling_time", "s", "settling time of the channel that settles last"),
-        Metric("total_iae", "mixed", "integral of the size of the error, summed over the channels"),
-        Metric("total_ise", "mixed", "integral of the squared error, summed over the channels"),
-        Metric("total_itae", "mixed", "integral of time times the size of the error, summed over the channels"),
+        Metric("total_iae", "mixed units", "integral of the absolute error, summed over the channels"),
+        Metric("total_ise", "mixed units", "integral of the squared error, summed over the channels"),
+        Metric("total_itae", "mixed units", "integral of time times the absolute error, summed over the channels"),
         *_by_axis("rmse", "m", "rad", "RMS error over the run"),
         *_by_axis("rmse_late", "m", "rad", "RMS error after criteria.late"),
-        *_by_axis("overshoot", "m", "rad", "furthest beyond zero from where the error started"),
+        *_by_axis("overshoot", "m", "rad", "largest overshoot past zero, from the side where the error started"),
         *_by_axis("settling_time", "s", "s", "last time outside criteria.band", field="sloped_settling_time"),
         *_by_axis("rms_command", "m/s^2", "rad/s", "RMS of the command"),
         *_by_axis("peak_command", "m/s^2", "rad/s", "largest command")[:2],  # that of the heading is `peak_heading`
         *_by_axis("chatter", "m/s^2", "rad/s", "total variation of the command"),
-        Metric("delivered_effort", "of the actuators", "RMS of what all actuators deliver", delivered=True),
-        Metric("delivered_peak", "of the actuators", "largest of what an actuator delivers", delivered=True),
-        Metric("delivered_variation", "of the actuators", "summed variation of what actuators deliver", delivered=True),
-        Metric("reversals", "times", "how often what actuators deliver changes direction", delivered=True),
-        Metric("limited", "share of the time", "how long an actuator or the law is at its limit", delivered=True),
+        Metric("delivered_effort", "actuator units", "RMS of all actuator outputs", delivered=True),
+        Metric("delivered_peak", "actuator units", "largest actuator output", delivered=True),
+        Metric("delivered_variation", "actuator units", "total variation of all actuator outputs", delivered=True),
+        Metric("reversals", "times", "how often actuator outputs change sign", delivered=True),
+        Metric("limited", "share of the time", "how long an actuator or the law is at a limit", delivered=True),
         Metric("cross_track", "m", "RMS distance to the nearest point of the route", route=True),
         Metric("cross_track_late", "m", "RMS distance to the route after criteria.late", route=True),
         Metric("cross_track_peak", "m", "largest distance to the route", route=True),
         Metric("cross_track_peak_late", "m", "largest distance to the route after criteria.late", route=True),
         Metric("heading_error", "rad", "RMS angle between the vehicle and the route's tangent", route=True),
-        Metric("along_track", "m", "RMS way by which the vehicle is ahead of or behind the clock", route=True),
-        Metric("speed_error", "m/s", "RMS difference to the route's speed profile", route=True),
-        Metric("pace", "s/m", "time for each metre of the route", route=True),
+        Metric("along_track", "m", "RMS distance ahead of or behind the schedule of the speed profile", route=True),
+        Metric("speed_error", "m/s", "RMS deviation from the route's speed profile", route=True),
+        Metric("pace", "s/m", "time per metre of the route", route=True),
         Metric("outside_corridor", "share of the time", "how long it is outside the corridor", route=True),
-        Metric("corridor_excess", "m", "the most beyond the corridor", route=True),
-        Metric("corridor_excess_late", "m", "the most beyond the corridor after criteria.late", route=True),
+        Metric("corridor_excess", "m", "largest distance outside the corridor", route=True),
+        Metric("corridor_excess_late", "m", "largest distance outside the corridor after criteria.late", route=True),
         Metric("lateral_acceleration", "m/s^2", "largest speed times yaw rate", route=True),
-        Metric("jerk", "m/s^3", "RMS change of the acceleration along the route", route=True),
-        Metric("standstill", "share of the time", "how long it stands although something is asked of it", route=True),
-        Metric("time_to_finish", "s", "when it is at the end; infinite if never", route=True),
-        Metric("gain_margin", "times", "by which the gain of one actuator may grow", loop=True, large=True),
-        Metric("phase_margin", "rad", "by which the phase of one actuator may lag", loop=True, large=True),
-        Metric("delay_margin", "s", "more delay that the loop bears", loop=True, large=True),
+        Metric("jerk", "m/s^3", "RMS rate of change of the acceleration along the route", route=True),
+        Metric("standstill", "share of the time", "how long it stands still although motion is commanded", route=True),
+        Metric("time_to_finish", "s", "when it reaches the end; infinite if never", route=True),
+        Metric("gain_margin", "times", "factor on the gain at one actuator until instability", loop=True, large=True),
+        Metric("phase_margin", "rad", "added phase lag at one actuator until instability", loop=True, large=True),
+        Metric("delay_margin", "s", "added delay at one actuator until instability", loop=True, large=True),
         Metric("sensitivity", "1", "Ms, largest |1 / (1 + L)| of the linearised loop L", loop=True),
     )
 }
@@ -115,7 +115,7 @@ OLD_NAMES = {  # in files of earlier releases
 
 
 def metrics_of(scenario: Scenario, loop: bool = False) -> tuple[str, ...]:
-    """The metrics that there are: none of the heading where a plant's cannot be commanded, of a route only on one.
+    """The metrics that a scenario has: those of the heading only if it can be commanded, those of a route only on one.
 
     Those of the linearised loop only if asked for: a run alone does not have them.
     """
@@ -125,7 +125,7 @@ def metrics_of(scenario: Scenario, loop: bool = False) -> tuple[str, ...]:
 
 @pytree
 class Followed:
-    """How a route was followed; a batch adds leading axes."""
+    """How well a route was followed; a batch adds leading axes."""
 
     cross_track: Float[Array, ""]  # m, root of the mean squared distance to the nearest point of the route's leg
     cross_track_late: Float[Array, ""]  # the same after `Criteria.late`; NaN where the run is shorter
@@ -140,7 +140,7 @@ class Followed:
     corridor_excess_late: Float[Array, ""]  # the most after `Criteria.late`
     lateral_acceleration: Float[Array, ""]  # m/s^2, largest |v w|
     jerk: Float[Array, ""]  # m/s^3, root of the mean square, by differences from step to step
-    standstill: Float[Array, ""]  # share of the time in which it stands although something is asked of it
+    standstill: Float[Array, ""]  # share of the time in which it stands still although motion is commanded
     time_to_finish: Float[Array, ""]  # s, until it is within `Route.reached` of the end; infinite if never
 
 
@@ -164,7 +164,7 @@ class LoopMargins:
 class Metrics:
     """One number for each of the c channels x, y and, where it can be commanded, heading; a batch adds leading axes.
 
-    A latched run has infinite metrics.
+    A diverged run has infinite metrics.
     """
 
     rmse: Float[Array, " c"]  # m, m, rad
@@ -178,7 +178,7 @@ class Metrics:
     rms_command: Float[Array, " c"]  # m/s^2, m/s^2, rad/s
     peak_command: Float[Array, " c"]  # largest |u|
     chatter: Float[Array, " c"]  # total variation of u
-    ok: Bool[Array, ""]  # False: diverged and latched
+    ok: Bool[Array, ""]  # False: diverged, state frozen
     settling_smooth: Float[Array, " c"] | None = None  # s, lends the settling time its slope; with `Criteria.smooth`
     rms_delivered: Float[Array, " m"] | None = None  # of the plant's m actuators; with `Criteria.delivered`
     peak_delivered: Float[Array, " m"] | None = None
@@ -193,19 +193,19 @@ class Metrics:
         row = METRICS[name]
         if row.route:
             if self.followed is None:
-                raise ValueError(f"{name} is of a route: make the path one, Route.along(path)")
+                raise ValueError(f"{name} needs a route: make the path one, Route.along(path)")
             return getattr(self.followed, name)
         if row.loop:
             if self.loop is None:
-                raise ValueError(f"{name} is of the linearised loop: agvjax.margins.with_margins adds it")
+                raise ValueError(f"{name} needs the linearised loop: agvjax.margins.with_margins adds it")
             return getattr(self.loop, name)
         values = getattr(self, row.field or name)
         if values is None:
-            raise ValueError(f"{name} is of what actuators deliver: judge with Criteria(delivered=True)")
+            raise ValueError(f"{name} needs the output of the actuators: use Criteria(delivered=True)")
         return values if row.channel is None else values[..., row.channel]
 
     def names(self) -> tuple[str, ...]:
-        """The metrics that it has numbers of."""
+        """The metrics that it has values of."""
         heading, delivered, route = self.rmse.shape[-1] == 3, self.limited is not None, self.followed is not None
         there = {"heading": heading, "delivered": delivered, "route": route, "loop": self.loop is not None}
         return tuple(n for n, row in METRICS.items() if all(there[k] or not getattr(row, k) for k in there))
@@ -284,7 +284,7 @@ class Metrics:
 
     @property
     def reversals(self) -> Float[Array, ""]:
-        """How often what actuators deliver changes direction, summed; a count, without a slope."""
+        """How often actuator outputs change sign, summed; a count, without a slope."""
         return jnp.sum(_judged(self.reversals_delivered), -1)
 
     def _root_of_sum(self, parts: Float[Array, " c"]) -> Float[Array, ""]:
@@ -296,5 +296,5 @@ class Metrics:
 def _judged(values: Float[Array, " m"] | None) -> Float[Array, " m"]:
     """What actuators delivered, where that was looked at."""
     if values is None:
-        raise ValueError("metrics of what actuators deliver need Criteria(delivered=True)")
+        raise ValueError("metrics of the output of actuators need Criteria(delivered=True)")
     return jnp.asarray(values)

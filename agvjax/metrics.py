@@ -69,7 +69,7 @@ class Delivered:
 
 @pytree
 class Criteria(Meter):
-    """How to judge: the settling band, and from when on the late error counts."""
+    """How runs are evaluated: the settling band, and when the late error begins."""
 
     band: float = number(0.05, "m, m, rad; or a fraction of the first error where relative", POSITIVE, "reading R10")
     relative: bool = structure(False)
@@ -82,7 +82,7 @@ class Criteria(Meter):
 
     @classmethod
     def of(cls, names: Iterable[str], sloped: bool = False, like: Criteria | None = None) -> Criteria:
-        """How runs must be judged to have these metrics, and if so asked slopes of all of them; else `like` others."""
+        """The criteria that these metrics need, on request with derivatives of all of them; the rest as in `like`."""
         names = tuple(names)
         smooth = sloped and any("settling_time" in name for name in names)
         asked = {kind: any(getattr(METRICS[name], kind) for name in names) for kind in ("delivered", "loop")}
@@ -221,7 +221,7 @@ def _trapezoid(t: Array, left: Array, right: Array, begin: Real, end: Array) -> 
 def tracking_error(sample: Any) -> Float[Array, " c"]:
     """e_x [m], e_y [m], e_psi [rad, wrapped] of a sample or, with leading axes, of a trajectory.
 
-    Without the last where the heading is not commanded: the path does not ask for it then.
+    Without the last if the heading is not commanded: it is not a reference then.
     """
     position = sample.position - sample.reference_position
     if sample.command.shape[-1] == 2:

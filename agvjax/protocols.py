@@ -59,7 +59,7 @@ class Law:
         return memory
 
     def follows(self) -> bool:
-        """Whether it follows a route by where the vehicle is, and not the clock."""
+        """Whether it follows a route by the vehicle's position, and not by time."""
         return False
 
     def faster(self, factor: float) -> Law:
@@ -71,7 +71,7 @@ class Law:
         return None
 
     def limited(self, memory: PyTree) -> Bool[Array, ""]:
-        """Whether the law keeps back something that it would like to ask for."""
+        """Whether the law's command is limited."""
         return jnp.zeros((), bool)
 
     def state(self, flow: PyTree, memory: PyTree) -> PyTree:
@@ -132,22 +132,22 @@ class Law:
         return {}
 
     def input_limits(self) -> Float[Array, " m"] | None:
-        """How large each input may be that the law asks for; None: as large as it likes."""
+        """Largest size of each input of the law; None: no limit."""
         return None
 
     def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
-        """The law with this plant and its deadzones for those it believes in, where it believes in such ones."""
+        """The law with this plant and its deadzones as its model, if it has such a model."""
         return self
 
     def faults(self, plant: Plant) -> list[Fault]:
-        """What of the law does not suit a plant; keys are relative to the law."""
+        """What in the law does not suit a plant; keys are relative to the law."""
         return []
 
 
 class Motion(NamedTuple):
-    """What following a path exactly asks of a vehicle, at n instants; see `agvjax.demands`.
+    """What following a path exactly requires of a vehicle, at n instants; see `agvjax.demands`.
 
-    Of a plant with a `lever`, a body that rolls, the first four are given; of any other plant `asked` is.
+    For a plant with a `lever`, a body that rolls, the first four are given; for any other plant `asked` is.
     """
 
     speed: np.ndarray  # m/s, v, of the axle along the body
@@ -170,7 +170,7 @@ class Plant:
         raise NotImplementedError(f"{type(self).__name__} needs start(start)")
 
     def allocate(self, command: Command, measurement: Measurement) -> Inputs:
-        """What to ask of the actuators for a law's command."""
+        """The actuator inputs for a law's command."""
         raise NotImplementedError(f"{type(self).__name__} needs allocate(command, measurement)")
 
     def derivative(self, state: PyTree, memory: PyTree, delivered: Inputs, disturbance: Float[Array, "3"]) -> PyTree:
@@ -178,7 +178,7 @@ class Plant:
         raise NotImplementedError(f"{type(self).__name__} needs derivative(state, memory, delivered, disturbance)")
 
     def output(self, state: PyTree, delivered: Inputs) -> Measurement:
-        """What a sensor without noise sees."""
+        """The measurement of a sensor without noise."""
         raise NotImplementedError(f"{type(self).__name__} needs output(state, delivered)")
 
     def seen(self, measurement: Measurement) -> PyTree:
@@ -239,7 +239,7 @@ class Path:
         return False
 
     def lap(self) -> float | None:
-        """Time [s] after which it is where it began and goes on as before; None: never."""
+        """Time [s] after which the path repeats itself; None: never."""
         return None
 
     def end(self) -> float:
@@ -264,7 +264,7 @@ class Heading:
 
 
 class Disturbance:
-    """What pushes: needs `__call__`.
+    """A disturbance: needs `__call__`.
 
     Split into a time-only `shape` and a `scale`, a batch of amplitudes costs one multiplication: the rollout tabulates
     the shape outside its loop.
@@ -305,7 +305,7 @@ class Reach(NamedTuple):
 
 
 class Element:
-    """What a command runs through: needs `__call__`, or `deliver` where it has a state or a memory."""
+    """An actuator element: needs `__call__`, or `deliver` if it has a state or a memory."""
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """What is delivered of the command `u`, same shape and unit."""
@@ -349,7 +349,7 @@ class Element:
 
 
 class Sensor:
-    """What stands between the vehicle and what the controller is told; by default it tells the truth."""
+    """A sensor between vehicle and controller; by default exact."""
 
     def __call__(self, memory: PyTree, measurement: Measurement) -> Measurement:
         """What the controller is told."""

@@ -18,20 +18,20 @@ from .protocols import Disturbance, Element, Heading, Path, Plant, Sensor
 class Scenario:
     """Vehicle, actuators, disturbance, path and start; the paper's by default.
 
-    `deadzone` holds the deadzone of each actuator that the plant names; what else the signal runs through after it,
-    limits and delays for one, is in `actuators`, a `Chain` for each that has any. `heading` None asks for the path's
-    own reading (`agvjax.default_heading`). A run whose vehicle state leaves the ball of radius `limit`, its
-    position counted from where the path is and its heading without whole turns, has diverged and is latched.
+    `deadzone` holds the deadzone of each actuator that the plant names. The elements after it, such as limits and
+    delays, are in `actuators`, a `Chain` for each actuator that has any. With `heading` None the path's own reading is
+    used (`agvjax.default_heading`). A run diverges when its vehicle state leaves the ball of radius `limit`, with
+    the position relative to the path and the heading without whole turns; its state is frozen from then on.
 
     Attributes:
         plant: the vehicle.
-        deadzone: of each actuator that the plant names.
-        actuators: what else the signal of an actuator runs through after its deadzone: limits, delays, lags.
-        disturbance: what pushes the vehicle.
-        path: what is to be followed.
-        heading: which heading is asked for; none: the path's own reading.
-        sensor: noise on what is measured; none: all is measured exactly.
-        start: where, how fast and in which direction a vehicle begins.
+        deadzone: the deadzone of each actuator that the plant names.
+        actuators: the elements after the deadzone of each actuator: limits, delays, lags.
+        disturbance: the disturbance that acts on the vehicle.
+        path: the reference path.
+        heading: the reference heading; none: the path's own reading.
+        sensor: measurement noise; none: exact measurements.
+        start: initial position, velocity and heading.
     """
 
     plant: Plant = Decoupled()

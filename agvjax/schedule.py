@@ -25,15 +25,15 @@ MEASURED = {  # what a number can be a curve over, with its unit
 
 @pytree
 class Schedule:
-    """In the place of any single number of a law: `PathPID(k_y=Schedule(over="speed", nodes=[0, 1], values=[8, 4]))`.
+    """A scheduled gain, for any scalar of a law: `PathPID(k_y=Schedule(over="speed", nodes=[0, 1], values=[8, 4]))`.
 
     A piecewise cubic through the values that rises and falls where they do and nowhere else (slopes at inner nodes of
     Fritsch and Butland, A method for constructing local monotone piecewise cubic interpolants, SIAM J. Sci. Stat.
     Comput. 5(2), 1984, as SciPy's PCHIP has them), with slope 0 at both ends and constant beyond them: once
-    differentiable everywhere. Equal values are exactly that number. The law is given the number of the instant; what it
-    measured is what counts, also where it predicts.
+    differentiable everywhere. Equal values are exactly that number. The value is looked up at the measurement, also if
+    the law acts on a prediction.
 
-    A dozen lines of its own, since the libraries of JAX that have such a curve bring a framework with them.
+    Written out here, since the JAX libraries that have such a curve bring a framework with them.
     """
 
     over: str = structure("speed")

@@ -1,4 +1,4 @@
-"""What stands between the vehicle and what the controller is told of it."""
+"""Sensors: what the controller measures of the vehicle."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class NoiseMemory:
 
 @pytree
 class Noise(Sensor):
-    """White Gaussian noise on what is measured, drawn anew at every control instant; standard deviations.
+    """White Gaussian measurement noise, drawn anew at every control instant; the numbers are standard deviations.
 
-    The numbers depend on the seed and on how many instants there were, on nothing else.
+    The noise depends only on the seed and on the number of instants so far.
 
     Attributes:
         position: standard deviation of x and y.

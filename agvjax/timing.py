@@ -22,11 +22,11 @@ def whole(ratio: ArrayLike) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Timing(Mapping[str, Any]):
-    """How a run is stepped, as the keywords of `simulate` and `evaluate`: `simulate(law, scenario, **timing)`.
+    """Time stepping of a run, as keywords of `simulate` and `evaluate`: `simulate(law, scenario, **timing)`.
 
     Raises:
-        ValueError: fewer than one step, in all or between two control instants.
-        TypeError: an integrator that is none, its name for one.
+        ValueError: fewer than one step, in total or between two control instants.
+        TypeError: not an integrator, but for example its name.
     """
 
     dt: Any = DT  # s, may be traced

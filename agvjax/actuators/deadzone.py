@@ -17,8 +17,8 @@ class Deadzone(Element):
     which eq. (11) does not allow).
 
     Attributes:
-        slope_right: share of a positive command, beyond its threshold, that is delivered.
-        slope_left: share of a negative command, beyond its threshold, that is delivered.
+        slope_right: slope for a positive command beyond its threshold.
+        slope_left: slope for a negative command beyond its threshold.
         threshold_right: up to this command nothing is delivered.
         threshold_left: down to minus this command nothing is delivered.
     """

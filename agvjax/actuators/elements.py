@@ -22,8 +22,8 @@ class Saturation(Element):
     """Delivers no more than `upper` and no less than `lower`.
 
     Attributes:
-        upper: the most that is delivered.
-        lower: the least that is delivered.
+        upper: largest output.
+        lower: smallest output.
     """
 
     upper: Real = number(1.0, "unit of the command", ANY, above="lower")
@@ -45,10 +45,10 @@ class Saturation(Element):
 
 @pytree
 class Quantisation(Element):
-    """Rounds to multiples of `step`. Its slope is taken as 1: rounding itself has none (straight-through).
+    """Rounds to multiples of `step`. Its derivative is taken as 1, since rounding has none (straight-through).
 
     Attributes:
-        step: what is delivered is a multiple of it.
+        step: the output is a multiple of it.
     """
 
     step: Real = number(0.01, "unit of the command", POSITIVE)
@@ -91,12 +91,12 @@ class Lag(Element):
 
 @pytree
 class Backlash(Element):
-    """Play in a gear: the output stands still until the input has crossed the gap, `gap` wide in all.
+    """Play in a gear: the output stands still until the input has crossed the gap of width `gap`.
 
     Exact where the input is monotonous within a step.
 
     Attributes:
-        gap: width of the play, in all.
+        gap: total width of the play.
     """
 
     gap: Real = number(0.1, "unit of the command", NONNEGATIVE)
@@ -135,7 +135,7 @@ class RateLimit(Element):
     """Follows the command no faster than `rate`, from 0 at the start. Over a step it delivers the mean of its ramp.
 
     Attributes:
-        rate: how fast it follows at most.
+        rate: largest rate.
     """
 
     rate: Real = number(1.0, "unit of the command per s", POSITIVE)
@@ -175,15 +175,15 @@ class DelayMemory:
 class Delay(Element):
     """Delivers every command `time` later, 0 before the first arrives; `jitter` adds to each a random part of that.
 
-    It remembers the last `slots` changes of its input: for an input that changes every P seconds that must be at least
-    1 + (time + jitter) / P, rounded up. Within a step in which a command arrives its mean is delivered, which also
-    gives the delay a slope.
+    It stores the last `slots` changes of its input: at least 1 + (time + jitter) / P, rounded up, for an input that
+    changes every P seconds. Within a step in which a command arrives its mean is delivered, which makes the output
+    differentiable in the delay.
 
     Attributes:
-        time: how late each command is.
-        jitter: the most that a command is late besides.
-        seed: of the jitter.
-        slots: how many changes of its input it remembers.
+        time: delay of each command.
+        jitter: largest additional delay of a command.
+        seed: seed of the jitter.
+        slots: how many changes of its input it stores.
     """
 
     time: Real = number(0.02, "s", NONNEGATIVE)

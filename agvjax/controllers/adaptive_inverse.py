@@ -1,4 +1,4 @@
-"""The inverse of deadzones that are not known well: beliefs that learn from how the vehicle answers."""
+"""An adaptive inverse for deadzones that are not known well, from the measured response of the vehicle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..protocols import Inputs, Plant
 from .compensation import Inverse, believed_of
 from .replay import MOST_SLOTS, joined, memoryless, stepped, under_way
 
-FASTEST = 2.0  # rate up to which beliefs come nearer to the truth
+FASTEST = 2.0  # rate up to which estimates approach the truth
 
 
 @pytree
@@ -34,40 +34,50 @@ class Learnt:
 
 @pytree
 class AdaptiveInverse(Inverse):
-    """`Inverse` whose beliefs are adapted online; they begin as `believed`.
+    """`Inverse` whose assumed slopes and thresholds are adapted online, starting from `believed`.
 
-    Each side of an actuator is believed to deliver m (|u| - c) + q, with the slope m, and q of its `usual` input c, so
-    that its threshold is c - q / m. Once a period the computer's `vehicle` is stepped from the last measurement by what
-    should have been delivered; e is by how much a velocity [m/s] or the yaw rate [rad/s] differs. What is delivered is
-    linear in theta = (m c / 2, q) of all sides; with phi = d(velocity)/d theta, of one velocity after the other:
+    Each side of an actuator is modelled as delivering m (|u| - c) + q, with the slope m, and q at its `usual` input c,
+    so that its threshold is c - q / m. Once per period the computer's `vehicle` is stepped from the last measurement
+    with what should have been delivered; e is the prediction error of a velocity [m/s] or of the yaw rate [rad/s]. The
+    output is linear in theta = (m c / 2, q) of all sides; with phi = d(velocity)/d theta, for one velocity after the
+    other:
 
         theta' = P(theta + `rate` phi e_d / (`floor` + |phi|^2)),        e_d = sign(e) max(|e| - `dead_band`, 0)
 
-    P projects onto m and q within 1 / `farthest` and `farthest` times what was believed at first.
+    P projects onto m and q within 1 / `farthest` and `farthest` times their initial values.
 
     Stability: where e = phi . (theta* - theta) + r with |r| <= `dead_band`, and theta* is within the bounds,
     V = |theta - theta*|^2 never grows for 0 < `rate` <= 2: a step changes it by at most -(2 rate - rate^2) e_d^2 /
     (floor + |phi|^2), and a projection onto a convex set only shortens the distance to its points. r is noise,
-    disturbance and what the `vehicle` does otherwise. Nothing is learnt without excitation: a side that no input goes
-    to keeps its beliefs, and at one constant input only what is delivered there is learnt, not slope and threshold.
+    disturbance and the model error of `vehicle`. Nothing is learnt without excitation: a side without input keeps its
+    estimates, and at one constant input only the output there is learnt, not slope and threshold separately.
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the
     inverse and what is adapted; Ioannou and Sun, Robust Adaptive Control, 1996, ch. 4 and 8, for the normalised
     gradient with dead-band and projection.
+
+    Attributes:
+        rate: share of an error that is corrected in one period; stable up to 2.
+        dead_band: prediction errors up to this are ignored.
+        floor: excitation |phi|^2 below which it adapts more slowly.
+        usual: typical size of each input, in the vehicle's order, around which it adapts best.
+        farthest: the factor by which the estimates may differ from `believed`.
+        delay: from the instant of a command until it takes effect.
+        slots: inputs stored, more than the delay in periods.
     """
 
-    rate: Real = number(0.1, "1", POSITIVE, "share of an error that is learnt from one period; stable up to 2")
-    dead_band: Real = number(0.0005, "m/s and rad/s", NONNEGATIVE, "error that says nothing of the deadzones")
-    floor: Real = number(1e-3, "1", POSITIVE, "of |phi|^2, below which it learns more slowly")
+    rate: Real = number(0.1, "1", POSITIVE)
+    dead_band: Real = number(0.0005, "m/s and rad/s", NONNEGATIVE)
+    floor: Real = number(1e-3, "1", POSITIVE)
     usual: Array | np.ndarray = number((0.4, 0.4), "of each input, in the vehicle's order", POSITIVE, shape=(None,))
-    farthest: Real = number(3.0, "1", POSITIVE, "by what factor beliefs may change")
-    delay: Real = number(0.0, "s", NONNEGATIVE, "from the instant of a command until it acts")
-    slots: int = structure(4)  # inputs remembered: more than the delay in periods
+    farthest: Real = number(3.0, "1", POSITIVE)
+    delay: Real = number(0.0, "s", NONNEGATIVE)
+    slots: int = structure(4)
 
     tunable = ("width", "quiet", "rate")
 
     def hold(self, wanted: Inputs, measurement: Measurement) -> Learnt:
-        """Beliefs as at first; nothing under way."""
+        """Initial estimates; no inputs under way."""
         believed_of(self.believed, wanted)
         return Learnt(
             wanted={name: jnp.zeros_like(d) for name, d in wanted.items()},
@@ -99,7 +109,7 @@ class AdaptiveInverse(Inverse):
         return dataclasses.replace(memory, beliefs=beliefs, before=measurement, begun=jnp.ones_like(memory.begun))
 
     def sent(self, memory: Learnt, wanted: Inputs, period: Real) -> tuple[Inputs, Learnt]:
-        """Lead, then the inverse of what is believed now."""
+        """Lead, then the inverse of the present estimates."""
         sent = self._now(memory).inverted(self.led(memory.wanted, wanted, period))
         return sent, dataclasses.replace(memory, wanted=wanted)
 
@@ -108,11 +118,11 @@ class AdaptiveInverse(Inverse):
         return dataclasses.replace(memory, way=joined(memory.way, sent))
 
     def delivered(self, memory: Learnt, sent: Inputs) -> Inputs:
-        """What the deadzones that are believed in now make of it."""
+        """The output of the deadzones as estimated now."""
         return self._now(memory).delivered((), sent)
 
     def zones(self, memory: Learnt) -> dict[str, Deadzone]:
-        """By actuator the deadzone that is believed in now."""
+        """The deadzone of each actuator as estimated now."""
         found, usual = {}, self._usual(memory.wanted)
         for name, x in memory.beliefs.items():
             s = jnp.maximum(usual[name][None] - x[2:] / x[:2], 0)
@@ -120,14 +130,17 @@ class AdaptiveInverse(Inverse):
         return found
 
     def upper_bounds(self, period: float) -> dict[str, float]:
-        """The rate of its proof, and a delay no longer than what is remembered."""
+        """The rate of its proof, and a delay no longer than the inputs stored."""
         return {"rate": FASTEST, "delay": (self.slots - 1) * period}
 
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
-        """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle that remembers."""
+        """Those of an inverse; no computer, numbers outside its proof, wrong slots, a vehicle with memory."""
         found = super().faults(vehicle, period)
         if period is None:
-            return [*found, Fault("type", type(self).__name__, "one that needs no computer: use sampled, or inverse")]
+            return [
+                *found,
+                Fault("type", type(self).__name__, "one for continuous time: use inverse, or a sampled law"),
+            ]
         if np.size(self.usual) != len(vehicle.actuators):
             rule = f"one for each of {', '.join(vehicle.actuators)}"
             return [*found, Fault("usual", np.asarray(self.usual).tolist(), rule)]
@@ -135,10 +148,12 @@ class AdaptiveInverse(Inverse):
             zone = self.believed.get(name, Deadzone())
             largest = float(np.max(np.stack([zone.threshold_right, zone.threshold_left])))
             if not usual > largest:
-                rule = f"above the thresholds that are believed in, of {name} {largest:g}"
+                rule = f"above the assumed thresholds, of {name} {largest:g}"
                 found.append(Fault("usual", np.asarray(self.usual).tolist(), rule))
         if np.max(np.asarray(self.rate)) > FASTEST:
-            found.append(Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, of its proof"))
+            found.append(
+                Fault("rate", float(np.max(np.asarray(self.rate))), f"at most {FASTEST:g}, from its stability proof")
+            )
         if not np.min(np.asarray(self.farthest)) > 1:
             found.append(Fault("farthest", float(np.min(np.asarray(self.farthest))), "greater than 1"))
         needed = 1 + int(np.ceil(float(np.max(np.asarray(self.delay))) / period - 1e-9))
@@ -148,7 +163,7 @@ class AdaptiveInverse(Inverse):
         return [*found, *memoryless(vehicle, self)]
 
     def _now(self, memory: Learnt) -> Inverse:
-        """The inverse of what is believed now."""
+        """The inverse of the present estimates."""
         numbers = {f.name: self.__dict__[f.name] for f in dataclasses.fields(Inverse)}
         return Inverse(**{**numbers, "believed": self.zones(memory)})
 
@@ -178,14 +193,14 @@ class AdaptiveInverse(Inverse):
 
 
 def _slopes(along: Callable[[dict[str, Array]], Array], at: dict[str, Array], name: str) -> Array:
-    """Derivatives (3, 4, *n) by the beliefs about one actuator, one by one, so that they can be exported as numbers."""
+    """Derivatives (3, 4, *n) by the estimates of one actuator, one by one, so that they can be exported as numbers."""
     x, still = at[name], {n: jnp.zeros_like(value) for n, value in at.items()}
     units = np.eye(x.size).reshape(x.size, *x.shape)
     return jnp.stack([along({**still, name: jnp.asarray(unit, x.dtype)}) for unit in units], -1).reshape(3, *x.shape)
 
 
 def _of(x: Array, usual: Array, u: Array) -> Array:
-    """What is delivered of an input by these beliefs."""
+    """The output for an input by these estimates."""
     right, left = jnp.maximum(x[:2] * (jnp.stack([u, -u]) - usual[None]) + x[2:], 0)
     return jnp.where(u > 0, right, -left)
 

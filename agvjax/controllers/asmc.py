@@ -13,7 +13,7 @@ from ..protocols import Law
 
 @pytree
 class Bounds:
-    """What the law believes of its uncertainty: |disturbance| <= th |w| + D, by channel."""
+    """The bounds of the uncertainty that the law adapts: |disturbance| <= th |w| + D, by channel."""
 
     th: Float[Array, "2"]
     D: Float[Array, "2"]  # m/s^2
@@ -23,20 +23,35 @@ class Bounds:
 
 @pytree
 class ASMC(Law):
-    """Adaptive sliding mode, as a class law: no number of the deadzone is known to it."""
+    """Adaptive sliding mode, as a class law: it knows nothing of the deadzone.
 
-    c: Real = number(1.0, "1/s", POSITIVE, "ASMC class, sliding surface")
+    Attributes:
+        c: gain on the position error in the sliding variable e' + c e.
+        k: gain on the position's sliding variable.
+        gT: adaptation gain of the bound th of the position's uncertainty.
+        gD: adaptation gain of the bound D of the position's disturbance.
+        sg: leakage of the adapted bounds D.
+        eps: boundary layer of the position's sliding variable: wider chatters less.
+        kw: gain on the heading error.
+        gTw: adaptation gain of the bound th of the heading's uncertainty.
+        gDw: adaptation gain of the bound D of the heading's disturbance.
+        epsw: boundary layer of the heading error: wider chatters less.
+        th_start: initial bounds th.
+        th_max: largest bounds th (projection).
+    """
+
+    c: Real = number(1.0, "1/s", POSITIVE, "ASMC class")
     k: Real = number(3.0, "1/s", POSITIVE, "ASMC class")
-    gT: Real = number(0.5, "s^3/m^2", NONNEGATIVE, "ASMC class, adaptation of th")
-    gD: Real = number(2.0, "1/s^2", NONNEGATIVE, "ASMC class, adaptation of D")
-    sg: Real = number(0.02, "1/s", NONNEGATIVE, "ASMC class, leak of D")
-    eps: Real = number(0.05, "m/s", POSITIVE, "ASMC class, boundary layer")
+    gT: Real = number(0.5, "s^3/m^2", NONNEGATIVE, "ASMC class")
+    gD: Real = number(2.0, "1/s^2", NONNEGATIVE, "ASMC class")
+    sg: Real = number(0.02, "1/s", NONNEGATIVE, "ASMC class")
+    eps: Real = number(0.05, "m/s", POSITIVE, "ASMC class")
     kw: Real = number(2.0, "1/s", POSITIVE, "ASMC class")
     gTw: Real = number(0.5, "s/rad^2", NONNEGATIVE, "ASMC class")
     gDw: Real = number(3.0, "1/s^2", NONNEGATIVE, "ASMC class")
     epsw: Real = number(0.05, "rad", POSITIVE, "ASMC class")
     th_start: Real = number(1.0, "1", NONNEGATIVE, "ASMC class")
-    th_max: Real = number(5.0, "1", POSITIVE, "ASMC class, projection")
+    th_max: Real = number(5.0, "1", POSITIVE, "ASMC class")
 
     tunable = ("c", "k", "gT", "gD", "sg", "eps", "kw", "gTw", "gDw", "epsw")
 

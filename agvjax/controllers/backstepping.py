@@ -36,7 +36,7 @@ class BacksteppingState:
 
 @pytree
 class KnownSlopes:
-    """The true slopes of a deadzone as a belief, the one that the command's own sign selects (readings R2, R3).
+    """The true slopes of a deadzone, known to the law; the sign of the command selects one (readings R2, R3).
 
     The sign depends on the slope and the slope on the sign. Where both signs are consistent the right one is taken,
     where neither is, the command is 0.
@@ -47,7 +47,7 @@ class KnownSlopes:
 
 
 def _divided(belief: Real | KnownSlopes, feedback: Array, rest: Array) -> tuple[Array, Real]:
-    """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is believed constant or known by sign."""
+    """The command feedback + rest / Pi, and 1 / Pi, for a slope Pi that is assumed constant or known by sign."""
     if not isinstance(belief, KnownSlopes):
         inverse = 1 / belief  # one reciprocal a gain leaves the hot loop, a division by it would not
         return feedback + rest * inverse, inverse
@@ -71,8 +71,21 @@ def _bounded(alpha1: Array, velocity: Array, limit: Real | None) -> tuple[Array,
 class Backstepping(Law):
     """Eqs. (21)-(25), (41), (57), (63) without the network, with the paper's gains.
 
-    `Pi_hat` and `Pi_psi_hat` are the controller's belief of the deadzone slopes, apart from the plant's truth
+    `Pi_hat` and `Pi_psi_hat` are the deadzone slopes that the controller assumes, independent of the plant's true ones
     (readings R2, R3): a number, for `Pi_hat` also one per axis with shape (2,), or `KnownSlopes`.
+
+    Attributes:
+        k1: gain on the position error; how fast it decays.
+        k2: gain on the velocity error.
+        k3: gain on the heading error; how fast it decays.
+        Lam: gain on the integral of the position error.
+        Lam_psi: gain on the integral of the heading error.
+        omega_n: natural frequency of the command filter.
+        zeta: damping of the command filter.
+        Pi_hat: deadzone slope that the law assumes for the position.
+        Pi_psi_hat: deadzone slope that the law assumes for the heading.
+        filter: the command filter, which provides the derivative of the virtual control.
+        wrapped: whether the heading error is wrapped to -pi .. pi (reading R17).
     """
 
     k1: Real = number(20.0, "1/s", POSITIVE, "after eq. (32)")
@@ -202,7 +215,7 @@ class Backstepping(Law):
         """Anti-windup: the state after a period in which `missing` (2,) [m/s^2] of the command was not applied.
 
         The filter moves by what would have asked for the applied command, (41) being -k2 (chi2 - phi1) + phi1'; the
-        integral of the position error stands still while anything is `limited`.
+        integral of the position error is frozen while anything is `limited`.
         """
         return dataclasses.replace(
             later,
@@ -229,7 +242,7 @@ class Backstepping(Law):
         return ()
 
     def poles(self) -> np.ndarray:
-        """Poles of the fastest part, the command filter [1/s]; the integrator's step must suit them."""
+        """Poles of the fastest part, the command filter [1/s], which the integrator's step must resolve."""
         return self.filter.poles(float(self.omega_n), float(self.zeta))
 
     @property

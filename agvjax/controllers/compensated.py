@@ -1,4 +1,4 @@
-"""A law in continuous time whose commands go through the inverse of the deadzones that are believed in."""
+"""A law in continuous time whose commands pass through the inverse of the assumed deadzones."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .wrapping import Allocating
 
 @pytree
 class Compensated(Allocating):
-    """A law, what it takes the vehicle for, and the inverse; `Sampled` has its own place for one.
+    """A law, its model of the vehicle, and the inverse; `Sampled` has its own field for one.
 
-    What the law wants is turned into inputs by the `vehicle`'s allocation and then inverted. A lead needs a period to
-    look back on and so a computer: it must be 0 here.
+    The law's command is converted into inputs by the allocation of `vehicle` and then inverted. A lead needs a sampling
+    period, and so a computer: it must be 0 here.
     """
 
     inner: Law = NeuroBackstepping()

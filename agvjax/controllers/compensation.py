@@ -43,11 +43,11 @@ class Compensation:
         return wanted
 
     def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
-        """What it believes the actuators to deliver."""
+        """The outputs that it expects of the actuators."""
         return sent
 
     def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
-        """The same with these deadzones for those that it believes in."""
+        """The same with these deadzones in place of the assumed ones."""
         return self
 
     def upper_bounds(self, period: float) -> dict[str, float]:
@@ -64,39 +64,42 @@ class Compensation:
 
 @pytree
 class NoCompensation(Compensation):
-    """Deadzones are left to the law."""
+    """No compensation: deadzones are left to the law."""
 
 
 @pytree
 class Inverse(Compensation):
-    """The smooth inverse of the deadzones that are believed in: u = d / m + s tanh((|d| - q) / w) sign(d).
+    """The smooth inverse of the assumed deadzones: u = d / m + s tanh((|d| - q) / w) sign(d).
 
-    With the slope m = `slope` m_b and the threshold s = `threshold` s_b of the side that d is on, of eq. (11) with the
-    believed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0: a demand about zero does
-    not throw an actuator to and fro across its whole deadzone. Before it a `lead` adds lead x d' (by differences), what
-    makes up for a lag. After it come the limits of the computer's anti-windup. Where a believed threshold is 0 there is
-    no step; an actuator that is not named in `believed` is sent what is wanted.
+    The slope m = `slope` m_b and the threshold s = `threshold` s_b are those of the side that d is on, eq. (11), with
+    the assumed m_b and s_b; the step rises over w = `width` s_b. Up to q = `quiet` s_b it is 0, so that a demand around
+    zero does not make an actuator chatter across its whole deadzone. A `lead` first adds lead x d' (by differences),
+    which compensates a lag. The limits of the computer's anti-windup follow. There is no step if the threshold is
+    0; an actuator not named in `believed` receives d unchanged.
 
     Source: Tao and Kokotovic, Adaptive control of plants with unknown dead-zones, IEEE TAC 39(1), 1994, for the inverse
     with the step; smoothed as is usual.
 
     Attributes:
-        believed: the deadzones that it inverts; the scenario's unless told.
-        slope: times the believed slopes.
-        threshold: times the believed thresholds.
+        believed: the assumed deadzones, which it inverts; by default the scenario's.
+        slope: factor on the assumed slopes.
+        threshold: factor on the assumed thresholds.
+        width: demand over which the step rises, times the assumed threshold.
+        quiet: demand up to which there is no step, times the assumed threshold.
+        lead: time constant of the lag that it compensates.
     """
 
     believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)
-    slope: Real = number(1.0, "of the believed slopes", POSITIVE)
-    threshold: Real = number(1.0, "of the believed thresholds", POSITIVE)
-    width: Real = number(0.2, "of the believed thresholds", POSITIVE, "over which the step rises")
-    quiet: Real = number(0.1, "of the believed thresholds", NONNEGATIVE, "demand up to which there is no step")
-    lead: Real = number(0.0, "s", NONNEGATIVE, "makes up for so long a lag")
+    slope: Real = number(1.0, "of the assumed slopes", POSITIVE)
+    threshold: Real = number(1.0, "of the assumed thresholds", POSITIVE)
+    width: Real = number(0.2, "of the assumed thresholds", POSITIVE)
+    quiet: Real = number(0.1, "of the assumed thresholds", NONNEGATIVE)
+    lead: Real = number(0.0, "s", NONNEGATIVE)
 
     tunable = ("slope", "threshold", "width", "quiet")
 
     def hold(self, wanted: Inputs, measurement: Measurement) -> PyTree:
-        """What was wanted last: nothing."""
+        """Nothing was wanted before."""
         return {name: jnp.zeros_like(d) for name, d in wanted.items()}
 
     def sent(self, memory: PyTree, wanted: Inputs, period: Real) -> tuple[Inputs, PyTree]:
@@ -108,7 +111,7 @@ class Inverse(Compensation):
         return {n: d + self.lead / period * (d - before[n]) for n, d in wanted.items()}
 
     def inverted(self, wanted: Inputs) -> Inputs:
-        """What must be sent, by the beliefs, for what is to be delivered."""
+        """What must be sent for the wanted outputs, by the assumed deadzones."""
         zones = believed_of(self.believed, wanted)
         return {name: self._step(zones[name], d) if name in zones else d for name, d in wanted.items()}
 
@@ -121,15 +124,15 @@ class Inverse(Compensation):
         return d / m + jnp.where(there, self.threshold * s * jnp.tanh(beyond), 0.0) * jnp.sign(d)
 
     def delivered(self, memory: PyTree, sent: Inputs) -> Inputs:
-        """What the believed deadzones make of it."""
+        """The output of the assumed deadzones."""
         return {n: self.believed[n](u) if n in self.believed else u for n, u in sent.items()}
 
     def believing(self, deadzone: Mapping[str, Element]) -> Compensation:
-        """Of the actuators that it believes something of."""
+        """Only for the actuators with an assumed deadzone."""
         return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
 
     def faults(self, vehicle: Plant, period: float | None) -> list[Fault]:
-        """Beliefs about no actuator of the vehicle, or none at all; a lead without a period to look back on."""
+        """A deadzone of no actuator of the vehicle, or none at all; a lead without a sampling period."""
         found, rule = [], f"by actuator of the vehicle, {', '.join(vehicle.actuators)}, at least one"
         if not (self.believed and set(self.believed) <= set(vehicle.actuators)):
             found.append(Fault("believed", ", ".join(self.believed) or "nothing", rule))
@@ -140,12 +143,12 @@ class Inverse(Compensation):
 
 
 def believed_of(believed: Mapping[str, Deadzone], inputs: Inputs) -> Mapping[str, Deadzone]:
-    """The deadzones that are believed in.
+    """The assumed deadzones.
 
     Raises:
         ValueError: there are none, or one is of no actuator that has an input.
     """
     if not believed or not set(believed) <= set(inputs):
         known = f"the actuators are {', '.join(inputs)}, the deadzones given those of {', '.join(believed) or 'none'}"
-        raise ValueError(f"what is believed must be by actuator, believed=scenario.deadzone for one: {known}")
+        raise ValueError(f"believed must map actuators to deadzones, for example believed=scenario.deadzone: {known}")
     return believed

@@ -10,7 +10,13 @@ from ..protocols import Law
 
 @pytree
 class DFC(Law):
-    """Flatness-based control, as a class law: it knows the model and nothing of deadzone or disturbance."""
+    """Flatness-based control, as a class law: it knows the model and nothing of deadzone or disturbance.
+
+    Attributes:
+        kp: gain on the position error.
+        kd: gain on the velocity error.
+        kpsi: gain on the heading error.
+    """
 
     kp: Real = number(5.0, "1/s^2", POSITIVE, "DFC class")
     kd: Real = number(4.5, "1/s", POSITIVE, "DFC class")
@@ -19,7 +25,7 @@ class DFC(Law):
     tunable = ("kp", "kd", "kpsi")
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
-        """It remembers nothing."""
+        """No state."""
         return ()
 
     def law(

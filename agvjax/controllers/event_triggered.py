@@ -14,7 +14,7 @@ from .wrapping import Wrapping
 
 @pytree
 class Sent:
-    """What event-triggered control remembers."""
+    """The memory of event-triggered control."""
 
     command: Command  # in force
     inner: PyTree  # memory of the inner law
@@ -22,19 +22,24 @@ class Sent:
 
 @pytree
 class EventTriggered(Wrapping):
-    """A law, its command of each channel held until it differs by `delta` |held| + `m` from what the law asks for.
+    """A law whose command of each channel is held until it differs from the law's by more than `delta` |held| + `m`.
 
-    Looked at once every control instant. The interval between two updates is at least m / sup |u'|, so there are never
-    infinitely many in finite time. It is not to be tuned by gradient: when a channel updates jumps with the gains.
-    Tune `inner` and judge this one.
+    The trigger is checked at every control instant. The interval between two updates is at least m / sup |u'|, so there
+    are never infinitely many in finite time. It cannot be tuned by gradient, because the update times jump with the
+    gains. Tune `inner` and evaluate this one.
+
+    Attributes:
+        inner: the law.
+        delta: relative threshold of an update.
+        m: absolute threshold of an update, for each channel.
     """
 
     inner: Law = NeuroBackstepping()
-    delta: Real = number(0.1, "1", NONNEGATIVE, "relative threshold")
-    m: Real = number(0.1, "m/s^2, m/s^2, rad/s", POSITIVE, "absolute threshold", shape=(3,))
+    delta: Real = number(0.1, "1", NONNEGATIVE)
+    m: Real = number(0.1, "m/s^2, m/s^2, rad/s", POSITIVE, shape=(3,))
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
-        """None: when a command is sent jumps with the gains."""
+        """None: the update times jump with the gains."""
         return ()
 
     def hold(self, measurement: Measurement, reference: Reference) -> Sent:

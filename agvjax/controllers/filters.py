@@ -103,7 +103,7 @@ def _cosine_less_one_and_sinc(d2: Array) -> tuple[Array, Array]:
 
 @pytree
 class NoFilter:
-    """No filter: phi1 is alpha1, its derivative taken exactly. What (22) is there to spare; an ablation."""
+    """No filter: phi1 is alpha1, with its exact derivative, which (22) is there to avoid; an ablation."""
 
     def __call__(self, x: Filtered) -> tuple[Array, Array]:
         """Derivatives of phi1, which starts at alpha1 and so stays there, and of phi2, which is idle."""

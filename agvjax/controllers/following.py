@@ -79,18 +79,17 @@ class Regulated(Follower):
     """A follower that slows down where it turns, as Nav2's regulated pure pursuit does, under its names.
 
     Attributes:
-        regulated_linear_scaling_min_radius: turns tighter than this are slowed.
-        regulated_linear_scaling_min_speed: but never below this.
-        min_approach_linear_velocity: never slower until it has arrived; less than the deadzone and it stands before.
-        max_angular_velocity: what a yaw rate is clipped to.
+        regulated_linear_scaling_min_radius: it slows down in turns of a smaller radius than this.
+        regulated_linear_scaling_min_speed: lowest speed to which it slows down in turns.
+        min_approach_linear_velocity: lowest speed until it has arrived; below the deadzone it would stop short of the
+            end.
+        max_angular_velocity: largest yaw rate; commands are clipped to it.
     """
 
-    regulated_linear_scaling_min_radius: Real = number(
-        0.9, "m", NONNEGATIVE, "Nav2: turns tighter than this are slowed"
-    )
-    regulated_linear_scaling_min_speed: Real = number(0.25, "m/s", NONNEGATIVE, "Nav2: but never below this")
-    min_approach_linear_velocity: Real = number(0.15, "m/s", NONNEGATIVE, "Nav2: never slower until it has arrived")
-    max_angular_velocity: Real = number(1.5, "rad/s", POSITIVE, "what a yaw rate is clipped to")
+    regulated_linear_scaling_min_radius: Real = number(0.9, "m", NONNEGATIVE, "Nav2")
+    regulated_linear_scaling_min_speed: Real = number(0.25, "m/s", NONNEGATIVE, "Nav2")
+    min_approach_linear_velocity: Real = number(0.15, "m/s", NONNEGATIVE, "Nav2")
+    max_angular_velocity: Real = number(1.5, "rad/s", POSITIVE)
 
     def regulated(self, speed: Array, curvature: Array) -> Float[Array, ""]:
         """A speed >= 0 for a curvature [1/m] to be driven: in proportion to a radius below the least one."""

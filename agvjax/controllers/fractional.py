@@ -62,10 +62,15 @@ class FractionalBackstepping(Wrapping):
     I^lam = s^-1 s^(1-lam), and s^(1-lam) by Oustaloup: so the integrator stays, and with it the vanishing error under
     a constant disturbance. lam = 1 is the law inside. Its stability conditions are proved for lam = 1 only. The
     realisation's own states are exact at any step.
+
+    Attributes:
+        inner: the backstepping law.
+        lam: order of the integral.
+        realisation: the rational approximation of the fractional derivative.
     """
 
     inner: Law = NeuroBackstepping()
-    lam: Real = number(0.8, "1", ORDER, "order of the integral")
+    lam: Real = number(0.8, "1", ORDER)
     realisation: Oustaloup = Oustaloup()
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:

@@ -19,12 +19,19 @@ def signed_power(x: Array, exponent: Real) -> Array:
 
 @pytree
 class TerminalSurface:
-    """The surface s = e' + a e + b |e|^g sign(e), and what holds the nominal model on it."""
+    """The surface s = e' + a e + b |e|^g sign(e), and what holds the nominal model on it.
+
+    Attributes:
+        a: linear gain on the position error in the sliding variable.
+        b: gain on the power of the position error in the sliding variable.
+        g: power of the position error in the sliding variable.
+        margin: error below which the slope of that power is kept constant, so that it stays finite.
+    """
 
     a: Real = number(0.8, "1/s", POSITIVE, "FTSMC class")
     b: Real = number(0.8, "m^(1-g)/s", POSITIVE, "FTSMC class")
     g: Real = number(0.6, "1", FRACTION, "FTSMC class")
-    margin: Real = number(0.01, "m", POSITIVE, "FTSMC class, keeps |e|^(g-1) finite")
+    margin: Real = number(0.01, "m", POSITIVE, "FTSMC class")
 
     def __call__(self, measurement: Measurement, reference: Reference) -> tuple[Array, Array]:
         """The surface's s [m/s] and the equivalent command [m/s^2]."""
@@ -37,7 +44,15 @@ class TerminalSurface:
 
 @pytree
 class FTSMC(TerminalSurface, Law):
-    """Finite-time sliding mode, as a class law: it knows the model and nothing of deadzone or disturbance."""
+    """Finite-time sliding mode, as a class law: it knows the model and nothing of deadzone or disturbance.
+
+    Attributes:
+        k1: linear gain on the position's sliding variable.
+        k2: gain on the power of the position's sliding variable.
+        rho: power of the sliding variables in the reaching law.
+        kw1: linear gain on the heading error.
+        kw2: gain on the power of the heading error.
+    """
 
     k1: Real = number(1.0, "1/s", POSITIVE, "FTSMC class")
     k2: Real = number(0.8, "m^(1-rho)/s^(2-rho)", POSITIVE, "FTSMC class")
@@ -48,7 +63,7 @@ class FTSMC(TerminalSurface, Law):
     tunable = ("a", "b", "g", "k1", "k2", "rho", "kw1", "kw2")
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
-        """It remembers nothing."""
+        """No state."""
         return ()
 
     def law(
@@ -72,9 +87,17 @@ class TwistingState:
 
 @pytree
 class SuperTwistingFTSMC(TerminalSurface, Law):
-    """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances."""
+    """An extra, not in the paper: the same surface, reached by super-twisting, whose integral cancels disturbances.
 
-    eps: Real = number(0.05, "m/s, rad", POSITIVE, "super-twisting, boundary layer as ASMC's; keeps it from chattering")
+    Attributes:
+        eps: boundary layer of position and heading: wider chatters less.
+        k1: gain on the square root of the position's sliding variable.
+        k2: gain of the integral of the position's sliding variable's sign.
+        kw1: gain on the square root of the heading error.
+        kw2: gain of the integral of the heading error's sign.
+    """
+
+    eps: Real = number(0.05, "m/s, rad", POSITIVE, "super-twisting")
     k1: Real = number(3.0, "m^0.5/s^1.5", POSITIVE, "super-twisting")
     k2: Real = number(2.0, "m/s^3", POSITIVE, "super-twisting")
     kw1: Real = number(2.0, "rad^0.5/s", POSITIVE, "super-twisting")

@@ -24,7 +24,16 @@ class Weights:
 
 @pytree
 class FullWeightBackstepping(Backstepping):
-    """Class law of Table 1 (reading R18): W' = gamma S Zb2' - eta W from W = 0, the network's output cancelled."""
+    """Class law of Table 1 (reading R18): W' = gamma S Zb2' - eta W from W = 0, the network's output cancelled.
+
+    Attributes:
+        gamma1: adaptation gain of the position network's weights.
+        gamma2: adaptation gain of the heading network's weights.
+        eta1: leakage of the position network's adaptation.
+        eta2: leakage of the heading network's adaptation.
+        position_network: the radial-basis network of the position, whose input is the velocity.
+        heading_network: the radial-basis network of the heading.
+    """
 
     gamma1: Real = number(0.1, "1/s^2", POSITIVE, "reading R18")
     gamma2: Real = number(0.1, "1/s^2", POSITIVE, "reading R18")

@@ -10,7 +10,12 @@ from .._pytree import ANY, POSITIVE, Numbers, Real, number, pytree
 
 @pytree
 class RadialBasis:
-    """Eq. (20). Nodes on the diagonal of the input space: node i is at centers[i] in every coordinate (reading R11)."""
+    """Eq. (20). Nodes on the diagonal of the input space: node i is at centers[i] in every coordinate (reading R11).
+
+    Attributes:
+        centers: centre of each node.
+        width: width of the nodes: activations are exp(-distance^2 / width).
+    """
 
     centers: Float[Numbers, " N"] = number(
         (-3.0, -1.5, 0.0, 1.5, 3.0), "unit of the input", ANY, "sec. 4", shape=(None,)

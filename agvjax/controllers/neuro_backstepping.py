@@ -21,7 +21,20 @@ class WeightNorms:
 
 @pytree
 class NeuroBackstepping(Backstepping):
-    """The paper's controller with the paper's gains."""
+    """The paper's controller with the paper's gains.
+
+    Attributes:
+        gamma1: adaptation gain of the position network's weight norm.
+        gamma2: adaptation gain of the heading network's weight norm.
+        eta1: leakage of the position network's adaptation.
+        eta2: leakage of the heading network's adaptation.
+        b1: scale of the position network's term: a smaller b1 gives a larger network gain.
+        b2: scale of the heading network's term: a smaller b2 gives a larger network gain.
+        varphi_start: initial estimate of the position network's squared weight norm.
+        varphi_psi_start: initial estimate of the heading network's squared weight norm.
+        position_network: the radial-basis network of the position, whose input is the velocity.
+        heading_network: the radial-basis network of the heading.
+    """
 
     gamma1: Real = number(0.1, "s^2/m^2", POSITIVE, "eq. (45)")
     gamma2: Real = number(0.1, "1/rad^2", POSITIVE, "eq. (67)")

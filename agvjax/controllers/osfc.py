@@ -15,7 +15,7 @@ from ..protocols import Law, Stable
 
 @pytree
 class ObserverState:
-    """What the observers believe."""
+    """The states of the observers."""
 
     z1: Float[Array, "2"]  # m, position
     z2: Float[Array, "2"]  # m/s, velocity
@@ -26,15 +26,25 @@ class ObserverState:
 
 @pytree
 class OSFC(Law):
-    """Observer-based state feedback, as a class law: it knows one nominal slope for each channel, no threshold."""
+    """Observer-based state feedback, as a class law: it knows one nominal slope per channel, and no threshold.
+
+    Attributes:
+        kp: gain on the position error.
+        kd: gain on the velocity error.
+        wo: bandwidth of the position observer.
+        b0: deadzone slope that the law assumes for the position.
+        kpsi: gain on the heading error.
+        wow: bandwidth of the heading observer.
+        b0w: deadzone slope that the law assumes for the heading.
+    """
 
     kp: Real = number(5.0, "1/s^2", POSITIVE, "OSFC class")
     kd: Real = number(4.5, "1/s", POSITIVE, "OSFC class")
-    wo: Real = number(20.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the position observer")
-    b0: Real = number(0.7, "1", POSITIVE, "OSFC class, nominal slope")
+    wo: Real = number(20.0, "rad/s", POSITIVE, "OSFC class")
+    b0: Real = number(0.7, "1", POSITIVE, "OSFC class")
     kpsi: Real = number(2.0, "1/s", POSITIVE, "OSFC class")
-    wow: Real = number(40.0, "rad/s", POSITIVE, "OSFC class, bandwidth of the heading observer")
-    b0w: Real = number(0.8, "1", POSITIVE, "OSFC class, nominal slope")
+    wow: Real = number(40.0, "rad/s", POSITIVE, "OSFC class")
+    b0w: Real = number(0.8, "1", POSITIVE, "OSFC class")
 
     tunable = ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w")
 

@@ -27,14 +27,17 @@ class PathLQR(Regulated):
         speeds: speeds that the gains are for, rising.
         k_y: gain on the deviation at each of the speeds.
         k_psi: gain on the heading error at each of the speeds.
+        scale_y: factor on all k_y, which is tuned instead of them.
+        scale_psi: factor on all k_psi, which is tuned instead of them.
+        ahead: how early the route's curvature is used, to make up for delay and lag.
     """
 
     speeds: Any = number((0.2, 0.4, 0.8, 1.6), "m/s, of the nodes, rising", POSITIVE, shape=(None,))
     k_y: Any = number((3.0, 3.0, 2.8, 2.4), "1/m^2", POSITIVE, shape=(None,))
     k_psi: Any = number((3.3, 3.2, 3.0, 2.8), "1/m", POSITIVE, shape=(None,))
-    scale_y: Real = number(1.0, "1", POSITIVE, "on all k_y: what is tuned of them")
-    scale_psi: Real = number(1.0, "1", POSITIVE, "on all k_psi: what is tuned of them")
-    ahead: Real = number(0.2, "s", NONNEGATIVE, "of delay and lag, in which the vehicle goes on as it did")
+    scale_y: Real = number(1.0, "1", POSITIVE)
+    scale_psi: Real = number(1.0, "1", POSITIVE)
+    ahead: Real = number(0.2, "s", NONNEGATIVE)
 
     tunable = ("scale_y", "scale_psi", "ahead", *REGULATION)
 

@@ -18,21 +18,21 @@ NEAR = 0.3  # least of 1 - curvature x deviation
 class PathPID(Regulated):
     """kappa = kappa_d(s + |v| ahead) cos e_psi / (1 - kappa_d e) - k_y e - k_psi sin e_psi - k_i I, w = v kappa.
 
-    e [m] is the deviation to the left of travel, e_psi [rad] the heading's, kappa_d the route's curvature, looked at
-    `ahead` seconds before it is needed. I is the integral of e, kept within +-`windup`.
+    e [m] is the deviation to the left of travel, e_psi [rad] that of the heading, kappa_d the route's curvature, used
+    `ahead` seconds early. I is the integral of e, kept within +-`windup`.
 
     Attributes:
         k_y: gain on the deviation from the route.
         k_psi: gain on the heading error.
         k_i: gain on the integral of the deviation.
-        ahead: how early the route's curvature is looked at.
-        windup: the most that the integral may become.
+        ahead: how early the route's curvature is used, to make up for delay and lag.
+        windup: largest size of the integral.
     """
 
     k_y: Real = number(6.0, "1/m^2", POSITIVE)
     k_psi: Real = number(4.0, "1/m", POSITIVE)
     k_i: Real = number(1.0, "1/(m^2 s)", NONNEGATIVE)
-    ahead: Real = number(0.35, "s", NONNEGATIVE, "of delay and lag, in which the vehicle goes on as it did")
+    ahead: Real = number(0.35, "s", NONNEGATIVE)
     windup: Real = number(0.3, "m s", POSITIVE)
 
     tunable = ("k_y", "k_psi", "k_i", "ahead", *REGULATION)

@@ -37,7 +37,7 @@ class Prediction:
         return memory
 
     def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
-        """The same with these deadzones for those that it believes in."""
+        """The same with these deadzones in place of the assumed ones."""
         return self
 
     def upper_bounds(self, period: float) -> dict[str, float]:
@@ -45,38 +45,43 @@ class Prediction:
         return {}
 
     def faults(self, vehicle: Plant, period: float) -> list[Fault]:
-        """What of it does not suit the vehicle that a computer believes in; keys are relative to it."""
+        """What does not suit the computer's model of the vehicle; keys are relative to it."""
         return []
 
 
 @pytree
 class NoPrediction(Prediction):
-    """The law acts on what was measured."""
+    """No prediction: the law acts on the measurement."""
 
 
 @pytree
 class Predictor(Prediction):
-    """Replays the inputs that are under way through the vehicle that is believed in, from what was measured.
+    """Replays the inputs that are under way through the computer's model of the vehicle, from the measurement.
 
-    Of a delay T an input that was sent j periods ago acts from T - j periods to T - (j - 1) periods ahead; each such
-    stretch is one step of RK4 of the computer's `vehicle` behind the `believed` deadzones, without disturbance. What
-    the path asks for is continued by its derivatives. Begins with the measurement each time, so that an error of the
-    belief does not add up; noise of the measurement is carried along.
+    With a delay T, an input sent j periods ago acts from T - j periods to T - (j - 1) periods ahead; each such interval
+    is one step of RK4 of the computer's `vehicle` behind the `believed` deadzones, without disturbance. The path
+    reference is extrapolated by its derivatives. Each prediction begins with the measurement, so model errors do not
+    accumulate; measurement noise passes through.
 
     Source: Smith, Closer control of loops with dead time, Chem. Eng. Progress 53, 1957, in the form of Astrom and
     Wittenmark, Computer-Controlled Systems, sec. 4.7: prediction of the state over the delay.
+
+    Attributes:
+        delay: from the instant of a command until it takes effect.
+        believed: the assumed deadzones; by default the scenario's.
+        slots: inputs stored, at least the delay in periods.
     """
 
-    delay: Real = number(0.1, "s", NONNEGATIVE, "from the instant of a command until it acts")
+    delay: Real = number(0.1, "s", NONNEGATIVE)
     believed: Mapping[str, Deadzone] = dataclasses.field(default_factory=dict)
-    slots: int = structure(4)  # inputs remembered: at least the delay in periods
+    slots: int = structure(4)
 
     def hold(self, sent: Inputs) -> dict[str, Array]:
-        """Nothing is under way: by actuator zeros, the newest first."""
+        """No inputs under way: zeros for each actuator, the newest first."""
         return under_way(sent, self.slots)
 
     def ahead(self, memory: dict[str, Array], vehicle: Plant, measurement: Measurement, period: Real) -> Measurement:
-        """RK4 of the believed vehicle over the delay."""
+        """RK4 of the model of the vehicle over the delay."""
         state = vehicle.seen(measurement)
         delivered = {name: jnp.zeros_like(line[0]) for name, line in memory.items()}
         for j in reversed(range(self.slots)):  # written out: a loop of so few steps would cost more
@@ -100,15 +105,15 @@ class Predictor(Prediction):
         return joined(memory, sent)
 
     def believing(self, deadzone: Mapping[str, Element]) -> Prediction:
-        """Of the actuators that it believes something of."""
+        """Only for the actuators with an assumed deadzone."""
         return dataclasses.replace(self, believed={n: deadzone.get(n, own) for n, own in self.believed.items()})
 
     def upper_bounds(self, period: float) -> dict[str, float]:
-        """A delay is no longer than what is remembered."""
+        """A delay is no longer than the inputs stored."""
         return {"delay": self.slots * period}
 
     def faults(self, vehicle: Plant, period: float) -> list[Fault]:
-        """Too few slots or too many, beliefs about no actuator, or a vehicle that remembers."""
+        """Too few slots or too many, a deadzone of no actuator, or a vehicle with memory."""
         found, longest = [], float(np.max(np.asarray(self.delay)))
         needed = int(np.ceil(longest / period - 1e-9))
         if not needed <= self.slots <= MOST_SLOTS:

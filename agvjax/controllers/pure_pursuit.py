@@ -27,24 +27,22 @@ class RegulatedPurePursuit(Regulated):
     of a leg it is the end. kappa = 2 y / distance^2, y across the vehicle; w = v kappa.
 
     Attributes:
-        desired_linear_vel: speed that it wants; the route's profile limits it too.
-        lookahead_dist: distance to the carrot, unless it grows with speed.
-        min_lookahead_dist: the least distance to the carrot, where it grows with speed.
-        max_lookahead_dist: the largest distance to the carrot, where it grows with speed.
-        lookahead_time: distance to the carrot over speed.
-        approach_velocity_scaling_dist: way before the end on which it slows down.
-        use_velocity_scaled_lookahead_dist: whether the distance to the carrot grows with speed.
+        desired_linear_vel: desired speed; the route's speed profile limits it too.
+        lookahead_dist: look-ahead distance to the carrot, unless it grows with speed.
+        min_lookahead_dist: smallest look-ahead distance, where it grows with speed.
+        max_lookahead_dist: largest look-ahead distance, where it grows with speed.
+        lookahead_time: look-ahead distance divided by speed, where it grows with speed.
+        approach_velocity_scaling_dist: distance before the end over which it slows down.
+        use_velocity_scaled_lookahead_dist: whether the look-ahead distance grows with speed.
         use_regulated_linear_velocity_scaling: whether it slows down in turns.
     """
 
-    desired_linear_vel: Real = number(0.5, "m/s", POSITIVE, NAV2 + ", the route's profile limits it too")
+    desired_linear_vel: Real = number(0.5, "m/s", POSITIVE, NAV2)
     lookahead_dist: Real = number(0.6, "m", POSITIVE, NAV2)
     min_lookahead_dist: Real = number(0.3, "m", POSITIVE, NAV2)
     max_lookahead_dist: Real = number(0.9, "m", POSITIVE, NAV2)
     lookahead_time: Real = number(1.5, "s", NONNEGATIVE, NAV2)
-    min_approach_linear_velocity: Real = number(
-        0.05, "m/s", NONNEGATIVE, NAV2 + "; motors with a deadzone may stand before the end"
-    )
+    min_approach_linear_velocity: Real = number(0.05, "m/s", NONNEGATIVE, NAV2)
     approach_velocity_scaling_dist: Real = number(0.6, "m", NONNEGATIVE, NAV2)
     use_velocity_scaled_lookahead_dist: bool = structure(False)
     use_regulated_linear_velocity_scaling: bool = structure(True)

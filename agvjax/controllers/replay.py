@@ -1,4 +1,4 @@
-"""What a computer does to look ahead: it steps the vehicle that it believes in by the inputs that are under way."""
+"""Prediction in a computer: its model of the vehicle is stepped with the inputs that are under way."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..integrate import RK4
 from ..messages import Start
 from ..protocols import Inputs, Plant
 
-MOST_SLOTS = 64  # inputs remembered; each may be a step of the believed vehicle, written out
+MOST_SLOTS = 64  # inputs remembered; each may be a step of the model, written out
 
 
 def under_way(sent: Inputs, slots: int) -> dict[str, Array]:
@@ -38,5 +38,5 @@ def memoryless(vehicle: Plant, holder: object) -> list[Fault]:
     """A vehicle that remembers, which cannot be stepped from what is measured."""
     if not jax.tree.leaves(jax.eval_shape(lambda: vehicle.hold(vehicle.start(Start())))):
         return []
-    rule = "none: the vehicle that the computer believes in has a memory, which no measurement tells"
+    rule = "none: the computer's model of the vehicle has a memory, which no measurement shows"
     return [Fault("type", type(holder).__name__, rule)]

@@ -36,18 +36,19 @@ class AntiWindup:
 
 @pytree
 class NoAntiWindup(AntiWindup):
-    """The law asks for whatever it likes."""
+    """The law's commands are not limited."""
 
 
 @pytree
 class BackCalculation(AntiWindup):
-    """The law knows what it may ask for, and takes back from its own state what it may not.
+    """The law knows the limits of its inputs, and back-calculates its own state from what they cut off.
 
     Attributes:
-        limits: what may be asked of each input.
+        speed: bound of the correction |alpha1 - chi1_d'| of the virtual control.
+        limits: largest size of each input, in the vehicle's order.
     """
 
-    speed: Real | None = number(1.0, "m/s", POSITIVE, "bound of |alpha1 - chi1_d'|")
+    speed: Real | None = number(1.0, "m/s", POSITIVE)
     limits: Float[Array, " m"] | None = number(
         (4.0, 4.0), "of each input, in the vehicle's order", POSITIVE, shape=(None,)
     )
@@ -60,7 +61,7 @@ class BackCalculation(AntiWindup):
 
 @pytree
 class Remembered:
-    """What the computer remembers besides the law's state; nothing where it has neither of the two."""
+    """The computer's memory besides the law's state; empty without compensation and prediction."""
 
     compensation: PyTree
     prediction: PyTree
@@ -68,7 +69,7 @@ class Remembered:
 
 @pytree
 class Computed:
-    """What the computer remembers from one period to the next."""
+    """The computer's memory from one period to the next."""
 
     law: PyTree  # state of the law inside
     command: Command  # in force, with its inputs
@@ -80,22 +81,22 @@ class Computed:
 class Sampled(Allocating):
     """A law run every `period`, its inputs held in between (zero-order hold).
 
-    `vehicle` is what the computer takes the vehicle for: a plant, whose `allocate` turns the law's command into inputs
-    of actuators, from what was measured at that instant. The law is stepped by its own `advance`, with `euler` by
-    Euler's method. Nothing is asked of the actuators before the first instant. The integrator steps nothing of the law,
-    so that poles and rates of the law in continuous time, and the stability conditions on them, do not apply.
+    `vehicle` is the computer's own model of the vehicle: a plant whose `allocate` turns the law's command into actuator
+    inputs, from the measurement at that instant. The law is stepped by its own `advance`, with `euler` by Euler's
+    method. The inputs are 0 before the first instant. The integrator steps nothing of the law, so the poles and rates
+    of the law in continuous time, and the stability conditions on them, do not apply.
 
-    With a `prediction` the law acts on where the vehicle will be when its command arrives. What it wants runs through
+    With a `prediction` the law acts on where the vehicle will be when its command arrives. Its command passes through
     `vehicle.allocate`, then `compensation` of the deadzones, then the limits of `anti_windup`; what these cut off is
-    taken back from the law by what is believed to be delivered of the rest.
+    fed back to the law, in terms of what the rest is expected to deliver.
 
     Attributes:
         inner: the law that it runs.
-        vehicle: what it takes the vehicle for; the scenario's unless told.
-        period: time between two commands: one over the control rate.
-        anti_windup: what the law is told of the limits of its inputs.
+        vehicle: the computer's model of the vehicle; by default that of the scenario.
+        period: sampling period, the time between two commands.
+        anti_windup: how the law takes the limits of its inputs into account.
         compensation: the inverse of the deadzones.
-        prediction: what it does against delay.
+        prediction: the compensation of delay.
         euler: whether the law is stepped by Euler's method.
     """
 
@@ -110,7 +111,7 @@ class Sampled(Allocating):
     def step(
         self, state: PyTree, measurement: Measurement, reference: Reference, memory: Remembered | None = None
     ) -> Computed:
-        """One period: pure, and all that the computer does.
+        """One period: a pure function, and everything that the computer does.
 
         `state` is that of the law inside, see `inner.init`; `memory` what else it remembers, None before the first.
         """
@@ -150,11 +151,11 @@ class Sampled(Allocating):
         return Computed(law=state, command=nothing, limited=jnp.zeros((), bool), memory=memory)
 
     def init(self, measurement: Measurement, reference: Reference) -> tuple[()]:
-        """Nothing of it flows: the state of the inner law jumps."""
+        """No continuous state: the state of the inner law jumps."""
         return ()
 
     def hold(self, measurement: Measurement, reference: Reference) -> Computed:
-        """The inner law at its start, and nothing asked for yet.
+        """The inner law at its start, and no command yet.
 
         Raises:
             ValueError: the inner law has a memory that jumps, which only a loop in continuous time can keep.
@@ -180,7 +181,7 @@ class Sampled(Allocating):
         return self.period
 
     def limited(self, memory: Computed) -> Bool[Array, ""]:
-        """Whether the law keeps back something that it would like to ask for."""
+        """Whether the law's command is limited."""
         return memory.limited
 
     def state(self, flow: tuple[()], memory: Computed) -> PyTree:
@@ -200,7 +201,7 @@ class Sampled(Allocating):
         return {}
 
     def upper_bounds(self, stable: Stable) -> dict[str, float]:
-        """What a period can hold: a rate of 2 / period is where a held proportional loop ends to be stable."""
+        """Limits set by the period: with a zero-order hold a proportional loop is stable up to a rate of 2 / period."""
         fastest = 2 / float(self.period)
         bounds = {"k1": fastest, "k2": fastest, "k3": fastest, "omega_n": np.pi * fastest, "zeta": 3.0}
         parts, period = {"prediction": self.prediction, "compensation": self.compensation}, float(self.period)
@@ -208,7 +209,7 @@ class Sampled(Allocating):
         return own | {f"inner.{name}": bounds[name] for name in leaves(self.inner) if name in bounds}
 
     def stability_bounds(self, Pi_min: float, Pi_psi_min: float) -> dict[str, float]:
-        """No conditions: those of the inner law are proved in continuous time."""
+        """No conditions: those of the inner law are proved in continuous time only."""
         return {}
 
     def input_limits(self) -> Float[Array, " m"] | None:

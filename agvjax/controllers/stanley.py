@@ -20,15 +20,22 @@ class Stanley(Regulated):
     """delta = -(e_psi - k_yaw (w_d - w)) - atan(k e / (k_soft + v)), w = v tan(delta) / wheelbase + w_d.
 
     e [m] is the deviation of the front axle to the left of the route and e_psi [rad] the heading's, both where the
-    front axle is nearest; w_d is the yaw rate of the route there, so that no deviation is needed to drive a curve. A
-    base without a steered wheel has its front axle as far ahead as it is told.
+    front axle is nearest; w_d is the yaw rate of the route there, so that a curve needs no deviation. For a base
+    without a steered wheel the front axle is a point `wheelbase` ahead.
+
+    Attributes:
+        k: gain on the deviation of the front axle.
+        k_soft: speed added in the denominator, so that it does not steer hard at rest.
+        k_yaw: damping of the yaw rate.
+        wheelbase: from the reference point to the front axle.
+        largest_angle: largest steering angle, either way.
     """
 
     k: Real = number(2.0, "1/s", POSITIVE, STANLEY)
-    k_soft: Real = number(0.3, "m/s", POSITIVE, STANLEY + ", keeps it from steering hard at rest")
-    k_yaw: Real = number(0.1, "s", NONNEGATIVE, STANLEY + ", damping of the yaw rate")
-    wheelbase: Real = number(0.4, "m", POSITIVE, "from the reference point to the front axle")
-    largest_angle: Real = number(0.6, "rad", POSITIVE, "either way")
+    k_soft: Real = number(0.3, "m/s", POSITIVE, STANLEY)
+    k_yaw: Real = number(0.1, "s", NONNEGATIVE, STANLEY)
+    wheelbase: Real = number(0.4, "m", POSITIVE)
+    largest_angle: Real = number(0.6, "rad", POSITIVE)
 
     def gains_to_tune(self, heading: bool = True) -> tuple[str, ...]:
         """Its own and those of the regulation; not the angle it may steer."""

@@ -27,13 +27,18 @@ class Referred:
 class VelocityReference(Wrapping):
     """A law of the paper's kind on a base: its acceleration, eq. (4), integrated to the twist that is sent.
 
-    The law sees the point `L` ahead of the axle, eq. (2), and asks for its acceleration U_bar. Along the body that
-    changes the speed, across it, by the lever L, the yaw rate: v' = a + L w^2, w' = (u_t - v w) / L of the reference
-    itself, kept within `largest`. It runs in a computer, `Sampled`.
+    The law controls the point `L` ahead of the axle, eq. (2), by its acceleration U_bar. Its component along the body
+    changes the speed, its lateral component, by the lever L, the yaw rate: v' = a + L w^2, w' = (u_t - v w) / L of the
+    reference itself, kept within `largest`. It runs in a computer, `Sampled`.
+
+    Attributes:
+        inner: the law.
+        L: how far ahead of the axle the law's reference point lies.
+        largest: largest speed and yaw rate of the reference.
     """
 
     inner: Law = NeuroBackstepping()
-    L: Real = number(0.3, "m", POSITIVE, "eq. (2), how far ahead of the axle the law looks")
+    L: Real = number(0.3, "m", POSITIVE, "eq. (2)")
     largest: Array = number((1.2, 1.5), "m/s, rad/s: speed and yaw rate of the reference", POSITIVE, shape=(2,))
 
     def _ahead(self, measurement: Measurement) -> Measurement:

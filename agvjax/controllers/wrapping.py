@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Wrapping(Law):
-    """A law around another, `inner`, to which every question goes that is not answered anew; gains named `inner.`."""
+    """A law around another, `inner`; every method not overridden is forwarded to it. Its gains are named `inner.`."""
 
     inner: Law
 
@@ -97,7 +97,7 @@ class Wrapping(Law):
         return self.inner.input_limits()
 
     def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
-        """The same around the inner law that believes in this plant."""
+        """The same around the inner law with this plant as its model."""
         return swap(self, {"inner": self.inner.believing(plant, deadzone)})
 
     def faults(self, plant: Plant) -> list[Fault]:
@@ -117,13 +117,13 @@ class Allocating(Wrapping):
         return (*super().gains_to_tune(self.vehicle.commands_heading), *rest)
 
     def believing(self, plant: Plant, deadzone: Mapping[str, Element]) -> Law:
-        """With this plant as its vehicle, and its deadzones, if it takes the vehicle for one of this kind."""
+        """With this plant and its deadzones as its model, if the model is of this kind."""
         if type(self.vehicle) is not type(plant):
             return self
         return swap(self, {"vehicle": plant, "compensation": self.compensation.believing(deadzone)})
 
     def faults(self, plant: Plant) -> list[Fault]:
-        """A vehicle of another kind than the plant, or beliefs that do not suit it."""
+        """A vehicle of another kind than the plant, or assumed deadzones that do not suit it."""
         found = super().faults(plant)
         period = self.control_period()
         wrong = self.compensation.faults(self.vehicle, None if period is None else float(period))

@@ -85,10 +85,10 @@ class Trajectory(Sample):
     """N + 1 samples of one run, N = n_steps / save_every."""
 
     weight_norm: Float[Array, "N+1 2"] | None = None  # position and heading, where the law adapts one
-    ok: Bool[Array, ""]  # False: the state left `scenario.limit` and was latched
+    ok: Bool[Array, ""]  # False: the state exceeded `scenario.limit` and was frozen
 
     def samples(self) -> Sample:
-        """What it holds of each instant, each array with a leading N + 1."""
+        """The recorded signals, each array with a leading N + 1."""
         return Sample(**{f.name: getattr(self, f.name) for f in dataclasses.fields(Sample)})
 
 
@@ -179,7 +179,7 @@ def inside(scenario: Scenario, state: PyTree, near: Float[Array, "2"]) -> Bool[A
 def start(controller: Law, scenario: Scenario, signals: Signals) -> tuple[Flow, Memory, Bool[Array, ""]]:
     """Continuous state and memory of a run that begins now, and whether it begins within the limit.
 
-    A run that does not is latched at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
+    A run that does not is frozen at zero: a NaN let in here would reach every reverse-mode gradient of its batch.
     """
     plant, state = scenario.plant, scenario.plant.start(scenario.start)
     near, route = signals.reference.position, ()

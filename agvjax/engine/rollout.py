@@ -1,4 +1,4 @@
-"""One closed loop over its steps: tables of what depends on time alone, chunks, the latch."""
+"""One closed loop over its steps: tables of what depends on time alone, chunks, freezing of diverged runs."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class Rollout:
         return jax.lax.cond(index % self.every == 0, renew, lambda: carry.memory)
 
     def step(self, carry: Carry, row: Row) -> tuple[Carry, loop.Sample]:
-        """One step: memory, derivative, integrator, latch. Also returns the sample at its start.
+        """One step: memory, derivative, integrator, freezing of a diverged run. Also returns the sample at its start.
 
         From the last instant on nothing moves any more: its sample is the same however often it is looked at.
         """

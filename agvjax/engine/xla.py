@@ -37,7 +37,7 @@ def _accepted(flags: str) -> bool:
 
 
 def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
-    """Set what makes rollouts fast on a CPU; call it before the first use of JAX in the process.
+    """Set the XLA options that make rollouts fast on a CPU; call it before the first use of JAX in the process.
 
     Args:
         reverse: for a process that takes reverse-mode gradients, which the forward options slow down.

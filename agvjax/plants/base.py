@@ -109,16 +109,24 @@ class Driven(Plant):
 class Base(Driven):
     """A base on two driven wheels side by side, sent the speed of each wheel's rim.
 
-    A law knows the `track` that its own vehicle has (`Sampled.vehicle`): another one here is an error of calibration,
-    as are `left` and `right`, by which the wheels are larger than they are taken for.
+    A law uses the `track` of its own model (`Sampled.vehicle`): a different one here is a calibration error, as are
+    `left` and `right`, the true wheel sizes relative to the assumed ones.
+
+    Attributes:
+        track: distance between the wheels.
+        time_constant: time constant of each motor's speed.
+        acceleration: largest acceleration of each wheel's speed.
+        drift: added to the yaw rate.
+        left: true size of the left wheel, relative to the assumed size.
+        right: true size of the right wheel, relative to the assumed size.
     """
 
-    track: Real = number(0.5, "m", POSITIVE, "distance between the wheels")
-    time_constant: Real = number(0.15, "s", POSITIVE, "of each motor's speed")
-    acceleration: Real = number(1.0, "m/s^2", POSITIVE, "most of each wheel")
-    drift: Real = number(0.0, "rad/s", ANY, "adds to the yaw rate")
-    left: Real = number(1.0, "1", POSITIVE, "size of the left wheel, of what it is taken for")
-    right: Real = number(1.0, "1", POSITIVE, "size of the right wheel, of what it is taken for")
+    track: Real = number(0.5, "m", POSITIVE)
+    time_constant: Real = number(0.15, "s", POSITIVE)
+    acceleration: Real = number(1.0, "m/s^2", POSITIVE)
+    drift: Real = number(0.0, "rad/s", ANY)
+    left: Real = number(1.0, "1", POSITIVE)
+    right: Real = number(1.0, "1", POSITIVE)
 
     actuators = ("left", "right")
     units: ClassVar[Mapping[str, str]] = {"left": "m/s", "right": "m/s"}
@@ -145,11 +153,17 @@ class Base(Driven):
 
 @pytree
 class TwistBase(Driven):
-    """A base whose motor controller is sent the twist itself: deadzones on speed and on yaw rate."""
+    """A base whose motor controller is sent the twist itself: deadzones on speed and on yaw rate.
 
-    time_constants: Array | np.ndarray = number((0.15, 0.15), "s", POSITIVE, "of speed and of yaw rate", shape=(2,))
-    accelerations: Array | np.ndarray = number((1.0, 3.0), "m/s^2, rad/s^2", POSITIVE, "most of each", shape=(2,))
-    drift: Real = number(0.0, "rad/s", ANY, "adds to the yaw rate")
+    Attributes:
+        time_constants: time constants of speed and yaw rate.
+        accelerations: largest acceleration and yaw acceleration.
+        drift: added to the yaw rate.
+    """
+
+    time_constants: Array | np.ndarray = number((0.15, 0.15), "s", POSITIVE, shape=(2,))
+    accelerations: Array | np.ndarray = number((1.0, 3.0), "m/s^2, rad/s^2", POSITIVE, shape=(2,))
+    drift: Real = number(0.0, "rad/s", ANY)
 
     actuators = ("speed", "yaw_rate")
     units: ClassVar[Mapping[str, str]] = {"speed": "m/s", "yaw_rate": "rad/s"}
@@ -184,18 +198,23 @@ class Ackermann(Driven):
     `behind`, a positive angle turns the vehicle to the right when it drives forwards, and so is sent negative.
 
     Attributes:
-        acceleration: most of the speed.
-        steering_rate: how fast the steering angle changes at most.
+        wheelbase: from the fixed axle to the steered one.
+        time_constant: time constant of the speed.
+        acceleration: largest acceleration.
+        steering_time: time constant of the steering.
+        steering_rate: largest steering rate.
+        largest_angle: largest steering angle, either way; below a quarter turn.
+        drift: added to the yaw rate.
         behind: whether the steered wheel is behind the fixed axle, as that of a forklift.
     """
 
-    wheelbase: Real = number(1.2, "m", POSITIVE, "from the fixed axle to the steered one")
-    time_constant: Real = number(0.2, "s", POSITIVE, "of the speed")
+    wheelbase: Real = number(1.2, "m", POSITIVE)
+    time_constant: Real = number(0.2, "s", POSITIVE)
     acceleration: Real = number(1.0, "m/s^2", POSITIVE)
-    steering_time: Real = number(0.1, "s", POSITIVE, "time constant of the steering")
+    steering_time: Real = number(0.1, "s", POSITIVE)
     steering_rate: Real = number(0.8, "rad/s", POSITIVE)
-    largest_angle: Real = number(1.0, "rad", POSITIVE, "either way; below a quarter turn")
-    drift: Real = number(0.0, "rad/s", ANY, "adds to the yaw rate")
+    largest_angle: Real = number(1.0, "rad", POSITIVE)
+    drift: Real = number(0.0, "rad/s", ANY)
     behind: bool = structure(False)
 
     actuators = ("speed", "steering_angle")

@@ -39,10 +39,10 @@ class TorqueDrive:
 
 @pytree
 class SpeedDrive:
-    """Motors with a speed loop of their own, which are given wheel speeds [rad/s]: torque = gain (asked - actual).
+    """Motors with their own speed loop, which receive wheel speeds [rad/s]: torque = gain (reference - actual).
 
     Attributes:
-        gain: how hard the motors' own speed loop pulls.
+        gain: gain of the motors' own speed loop.
     """
 
     gain: Real = number(2.0, "Nm s/rad", POSITIVE)
@@ -72,13 +72,13 @@ class DifferentialDrive(Rolling):
     the robot in `tuning/vehicles/robot.xml`, the friction of its casters counted at the wheels.
 
     Attributes:
-        mass: wheels' inertia included.
-        inertia: about the vertical, wheels' inertia included.
-        wheel_radius: of the driven wheels.
+        mass: mass, including the wheels' inertia.
+        inertia: yaw inertia, including that of the wheels.
+        wheel_radius: radius of the driven wheels.
         track: distance between the wheels.
-        viscous: friction of a wheel in proportion to its speed.
+        viscous: viscous friction of a wheel.
         road_slope: rise of the floor along x and y.
-        drive: what the motors are sent: torques, or speeds of the wheels.
+        drive: what is sent to the motors: torques, or wheel speeds.
     """
 
     L: Real = number(0.15, "m", POSITIVE, "eq. (2)")

@@ -17,7 +17,7 @@ GRAVITY = 9.81  # m/s^2
 
 @pytree
 class FrictionPatch:
-    """A disc of another friction, ice or a puddle, on a road that is otherwise as it was."""
+    """A disc with another friction, such as ice or a puddle, on an otherwise uniform road."""
 
     center: Float[Array, "2"] = number((0.0, 0.0), "m", ANY, shape=(2,))
     radius: Real = number(5.0, "m", POSITIVE)

@@ -10,7 +10,7 @@ from .._pytree import POSITIVE, Real, number, pytree
 
 @pytree
 class LinearTyre:
-    """CommonRoad's ST: lateral force = mu C_S F_z slip, with no end to it.
+    """CommonRoad's ST: lateral force = mu C_S F_z slip, without saturation.
 
     C_S = -p_ky1 / p_dy1 and mu = p_dy1, so that in the published sets mu cancels; what the road leaves of the friction
     has no effect here. The defaults are those of all CommonRoad vehicles.

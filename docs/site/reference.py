@@ -41,7 +41,7 @@ def _index() -> str:
     rows = [
         "* [Commands](commands.md): each with its options, and the exit codes",
         "* [Keys](keys/index.md): every key of a configuration, with default, unit and rule",
-        "* [Metrics](metrics.md): what can be a goal, a limit, or a reason to fail",
+        "* [Metrics](metrics.md): what can be a goal, a limit, or a failure criterion",
         "* [`agvjax`](agvjax/index.md): the simulator in Python",
         "* [`tuning`](tuning.md): tuning and sweeps in Python",
     ]
@@ -174,7 +174,7 @@ def _homes(key: str) -> Iterator[str]:
 
 KINDS = {
     "Of every run": lambda row: not (row.delivered or row.route or row.loop),
-    "Of what the actuators deliver": lambda row: row.delivered,
+    "Of the actuator outputs": lambda row: row.delivered,
     "Of a route": lambda row: row.route,
     "Of the linearised loop": lambda row: row.loop,
 }

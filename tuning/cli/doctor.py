@@ -29,5 +29,5 @@ def run(arguments: argparse.Namespace) -> int:
     files.write(out / "doctor.md", text + "\n")
     console.conclude(doctor.brief(diagnosis), f"written to {out}; begin with {out}/doctor.md")
     if not diagnosis.healthy:
-        raise RunFailed(f"something is wrong with this problem: see {out}/doctor.md")
+        raise RunFailed(f"this problem has a fault: see {out}/doctor.md")
     return 0

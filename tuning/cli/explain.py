@@ -37,7 +37,7 @@ def _of_metric(key: str) -> list[str]:
     where = {"heading": "the heading can be commanded", "route": "the path is a route"}
     only = [words for name, words in where.items() if getattr(row, name)]
     lines = [f"a metric [{row.unit}]", row.text]
-    lines += [f"only where {only[0]}"] if only else []
+    lines += [f"only if {only[0]}"] if only else []
     use = "tune.limits" if row.loop else "tune.goals, tune.limits, sweep.metrics"
     return [_page(key, [*lines, f"for {use}; docs/tuning.md"])]
 

@@ -44,7 +44,7 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
 def not_empty(out: Path, command: str) -> InputError:
     """What is said of a folder that a command cannot begin in."""
     rule = "a new or empty folder: this one is not empty; choose another"
-    rule += ", or add --resume to go on with the run in it" if command in ("tune", "speed") else ""
+    rule += ", or add --resume to continue the run in it" if command in ("tune", "speed") else ""
     return InputError([Fault("--out", str(out), rule)])
 
 

@@ -20,14 +20,14 @@ from .options import QUIET, Command, Option, flag, many, option
 from .questions import COMPLETION, EXPLAIN, NEW
 
 SHARED = (
-    option("--num-processes", type=integer, metavar="N", help="how many processes share the work (default: 1)"),
-    option("--process-id", type=integer, metavar="K", help="which of them this is, from 0 (default: 0)"),
+    option("--num-processes", type=integer, metavar="N", help="number of processes that share the work (default: 1)"),
+    option("--process-id", type=integer, metavar="K", help="index of this process, from 0 (default: 0)"),
 )
 SIMULATE = Command(
-    "roll one vehicle out and write trajectory, metrics, figures",
+    "simulate one vehicle; write trajectory, metrics, figures",
     (
-        flag("--animate", "draw the run as a moving picture, animation.gif"),
-        option("--from", dest="sweep", metavar="DIR", help="a vehicle of this sweep, with its controller"),
+        flag("--animate", "animate the run: animation.gif"),
+        option("--from", dest="sweep", metavar="DIR", help="take a vehicle from this sweep, with its controller"),
         option("--index", type=integer, metavar="N", help="which vehicle of the sweep"),
         option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
     ),
@@ -35,45 +35,50 @@ SIMULATE = Command(
 TUNE = Command(
     "tune the gains over an ensemble and write a report",
     (
-        flag("--resume", "go on with the run in --out, to the same result"),
+        flag("--resume", "continue the run in --out, to the same result"),
         option(
             "--params",
             metavar="FILE.yaml",
-            help="start from Nav2's parameters of regulated pure pursuit, write tuned ones",
+            help="start from Nav2's parameters of regulated pure pursuit; write tuned ones",
         ),
-        option("--controller", metavar="ID", help="which of its controllers, if there are several"),
+        option("--controller", metavar="ID", help="which of its controllers, if it has several"),
         option(
             "--coordinator",
             metavar="HOST:PORT",
             default=os.environ.get("JAX_COORDINATOR_ADDRESS"),
-            help="tune with several processes that meet there; 'auto' in SLURM, Open MPI, Kubernetes",
+            help="tune with several processes that connect there; 'auto' in SLURM, Open MPI, Kubernetes",
         ),
         *SHARED,
     ),
 )
 SWEEP = Command(
-    "roll out many vehicles, on a grid or at random, and see where the gains fail",
+    "simulate many vehicles, on a grid or at random: where do the gains fail?",
     (
-        many("--over", "LEAF=LOW:HIGH:POINTS", "an axis; without POINTS sampled, *= times"),
-        flag("--ensemble", "draw the other leaves of the tuning ensemble too"),
+        many(
+            "--over", "LEAF=LOW:HIGH:POINTS", "an axis; sampled without POINTS; *= for multiples of the nominal value"
+        ),
+        flag("--ensemble", "also draw the other leaves of the tuning ensemble"),
         option(
-            "--samples", type=integer, metavar="N", help="scenarios at each node of the grid, or in all (default: 1)"
+            "--samples",
+            type=integer,
+            metavar="N",
+            help="scenarios per node of the grid, or in all without a grid (default: 1024)",
         ),
         option(
             "--design",
             metavar="NAME",
             help="random, sobol, latin; saltelli or morris for sensitivities (default: random)",
         ),
-        many("--controller", "FILE|LAW", "another controller beside the configured one"),
+        many("--controller", "FILE|LAW", "another controller, besides the configured one"),
         *SHARED,
-        flag("--resume", "refuse to begin anew; the same command goes on by itself"),
+        flag("--resume", "only continue, never begin; the same command continues without it"),
     ),
 )
 SPEED = Command(
-    "how fast a vehicle may go on its route, tuned at every speed, and where that binds",
+    "how fast a vehicle can follow its route, tuned at every speed, and what place limits it",
     (
-        option("--within", type=real, metavar="M", help="m that it may lie off the route (default: its corridor)"),
-        flag("--resume", "go on with the run in --out, to the same result"),
+        option("--within", type=real, metavar="M", help="largest distance to the route in m (default: its corridor)"),
+        flag("--resume", "continue the run in --out, to the same result"),
     ),
     "--config base --within 0.05",
 )
@@ -81,7 +86,7 @@ IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
         option(
-            "logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any a drive to record is suggested"
+            "logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any, a drive to record is suggested"
         ),
         many("--unseen", "LOG.csv", "a drive to predict with what was identified"),
         option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"),
@@ -111,26 +116,26 @@ EXPORT = Command(
     ),
 )
 COMPARE = Command(
-    "tune every law to the same command budget and judge it on unseen scenarios",
-    (flag("--deadzone", "the remedies against the deadzone instead: network, slopes, observer, inverses"),),
+    "tune every law to the same command budget and compare them on unseen scenarios",
+    (flag("--deadzone", "compare remedies against the deadzone instead: network, slopes, observer, inverses"),),
 )
 COMMANDS = {
     "new": NEW,
     "simulate": SIMULATE,
     "tune": TUNE,
     "sweep": SWEEP,
-    "pareto": Command("tune along a moving limit: the front of error against command"),
+    "pareto": Command("tune for a series of limits: the Pareto front of error against command"),
     "speed": SPEED,
     "margins": Command(
-        "how much gain, phase and delay the loop bears along its run; a Bode plot", example="--config base"
+        "gain, phase and delay margins of the loop along its run; Bode plot, limit cycles", example="--config base"
     ),
     "explore": Command(
-        "a local page with sliders for gains and vehicle; tunes from where they stand", example="--config base"
+        "a local page with sliders for gains and vehicle; can tune from their values", example="--config base"
     ),
     "doctor": Command("check gradients and runs of a problem before it is tuned"),
-    "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
+    "reproduce": Command("rebuild the paper's tables and figures next to the printed numbers"),
     "compare": COMPARE,
-    "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
+    "vehicles": Command("unicycle, car and robot with limits, delay and sampling, tuned and evaluated"),
     "log": LOG,
     "identify": IDENTIFY,
     "export": EXPORT,
@@ -139,7 +144,7 @@ COMMANDS = {
 }
 EXIT_CODES = {
     0: "success",
-    1: "the run failed, or what it found is no good",
+    1: "the run failed, or its result should not be used",
     2: "bad input: one message names every bad key",
     130: "interrupted",
 }
@@ -158,7 +163,7 @@ def parser() -> argparse.ArgumentParser:
     description = "Simulate and tune path-following controllers of vehicles whose actuators have a deadzone."
     top = _Parser(prog="agvjax", description=description, epilog="agvjax COMMAND --help: the options of a command")
     top.set_defaults(coordinator=None)  # of the commands that have no such option
-    top.add_argument("--version", action="store_true", help="print the version and end")
+    top.add_argument("--version", action="store_true", help="print the version and exit")
     commands = top.add_subparsers(dest="command")
     for name, command in COMMANDS.items():
         summary = f"{command.help[0].upper()}{command.help[1:]}."

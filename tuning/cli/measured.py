@@ -28,7 +28,7 @@ def divergence(trajectory: agvjax.Trajectory, limit: float) -> str:
     moves = np.flatnonzero(np.any(held != held[-1], axis=1))
     when = float(trajectory.t[min(moves[-1] + 1, len(held) - 1)]) if moves.size else 0.0
     state = "the vehicle's state, its position counted from the path,"
-    return f"the run diverged at t = {when:.4g} s: {state} passed scenario.limit = {limit:g} and was held there"
+    return f"the run diverged at t = {when:.4g} s: {state} exceeded scenario.limit = {limit:g} and was frozen there"
 
 
 def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:

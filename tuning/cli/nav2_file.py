@@ -13,7 +13,7 @@ from ..config.codecs import Toml
 from ..io import files, nav2
 
 TUNED = "nav2_params.tuned.yaml"
-NOT_DRIVEN = "The simulated law has no such manoeuvre: it is left as it is."
+NOT_DRIVEN = "The simulated law has no such manoeuvre: unchanged."
 
 
 class ParameterFile:
@@ -34,7 +34,7 @@ class ParameterFile:
         """
         if arguments.params is None:
             if arguments.controller is not None:
-                raise InputError([Fault("--controller", arguments.controller, "given with --params only")])
+                raise InputError([Fault("--controller", arguments.controller, "used only with --params")])
             return None
         try:
             return cls(nav2.read(arguments.params, arguments.controller))
@@ -67,5 +67,5 @@ class ParameterFile:
         files.write(out / TUNED, text)
         changed = nav2.diff(self.found.text, text, Path(self.found.file).name)
         left = "\n".join(f"* `{name}`: {why}" for name, why in self.left.items())
-        listed = f"\nWithout a meaning here, and left as they are:\n\n{left}\n" if left else ""
-        return f"\n## The parameter file\n\nIn `{TUNED}`, all else as it was:\n\n```diff\n{changed}```\n{listed}"
+        listed = f"\nNot simulated, and unchanged:\n\n{left}\n" if left else ""
+        return f"\n## The parameter file\n\nIn `{TUNED}`, all else unchanged:\n\n```diff\n{changed}```\n{listed}"

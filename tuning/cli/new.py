@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(note)
     lines = sum(bool(line) and not line.startswith("#") for line in text.splitlines())
     console.say(
-        f"{out} written, {lines} lines beside its comments. Go on with",
+        f"{out} written, {lines} lines besides its comments. Continue with",
         f"  agvjax tune --config {out} --out tuned",
         "  agvjax simulate --config tuned/gains.toml --out run",
         "  agvjax export tuned/gains.toml --format c --out controller",
@@ -57,9 +57,9 @@ def _followed(arguments: argparse.Namespace, kind: str, numbers: dict[str, float
     path = begun.points(file)
     closed = arguments.closed or path.closed
     if not closed and asks:
-        closed = answer("Does it go on from its last point to its first? [y/N] ").lower().startswith("y")
+        closed = answer("Does it continue from its last point to its first? [y/N] ").lower().startswith("y")
     if not closed:
-        console.note(f"{file}: open, it ends at its last point (--closed: it goes on to its first)")
+        console.note(f"{file}: open, ends at its last point (--closed: continues to its first)")
     path = dataclasses.replace(path, closed=closed)
     return begun.problem(kind, numbers, arguments.law or "path_pid", path, arguments.within)
 

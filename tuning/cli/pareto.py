@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     console.conclude(table, f"front, figure and gains written to {out}; begin with {out}/pareto.png")
     if not any(p.met for p in points):
-        raise RunFailed("the limits could be met at no point of the front")
+        raise RunFailed("the limits could not be met at any point of the front")
     return 0
 
 

@@ -15,17 +15,17 @@ KINDS = {  # as a user would name them, and what each is
     "differential": "two driven wheels, each with a deadzone; you send a speed and a yaw rate",
     "twist": "any base whose motor controller takes speed and yaw rate, with a deadzone on each of the two",
     "ackermann": "a steered axle in front; you send a speed and a steering angle",
-    "forklift": "the same, steered behind",
-    "robot": "two driven wheels that you send torques",
-    "car": "a car that you send an acceleration and a steering rate",
-    "unicycle": "a body that you send an acceleration and a yaw acceleration",
+    "forklift": "the same, steered at the rear",
+    "robot": "two driven wheels; you send torques",
+    "car": "a car; you send an acceleration and a steering rate",
+    "unicycle": "a rolling body; you send an acceleration and a yaw acceleration",
 }
 BY_CLOCK = ("robot", "car", "unicycle")  # their laws follow a point that moves in time
 LAWS = {  # that follow a path by where the vehicle is
-    "path_pid": "curvature of the path, deviation and heading error, integral: the nearest to the path",
-    "regulated_pure_pursuit": "Nav2's, under its names: the smoothest",
-    "stanley": "on the front axle",
-    "path_lqr": "gains of a Riccati equation, by speed",
+    "path_pid": "feedforward of curvature, feedback of deviation, heading error and integral: the most accurate",
+    "regulated_pure_pursuit": "as in Nav2, with its parameter names: the smoothest",
+    "stanley": "steers the front axle onto the path",
+    "path_lqr": "LQR gains, scheduled over speed",
 }
 
 
@@ -63,43 +63,43 @@ def _all(**values: float) -> dict[str, float]:
 
 
 QUESTIONS = {
-    "rate": Question("how many commands a second", "Hz", {**_all(usual=20), "robot": 50, "car": 50, "unicycle": 50}),
+    "rate": Question("commands per second", "Hz", {**_all(usual=20), "robot": 50, "car": 50, "unicycle": 50}),
     "delay": Question(
-        "how late a command takes effect",
+        "delay until a command takes effect",
         "s",
         {**_all(usual=0.08), "robot": 0.02, "car": 0.02, "unicycle": 0.02},
         high=2.0,
         may_vanish=True,
     ),
     "deadzone": Question(
-        "below which speed the vehicle, or one of its wheels, does not move",
+        "speed below which the vehicle, or one of its wheels, does not move",
         "m/s",
         _all(usual=0.06, ackermann=0.05, forklift=0.04),
         high=2.0,
         may_vanish=True,
     ),
     "turn_deadzone": Question(
-        "below which yaw rate it does not turn", "rad/s", {"twist": 0.1}, high=3.0, may_vanish=True
+        "yaw rate below which it does not turn", "rad/s", {"twist": 0.1}, high=3.0, may_vanish=True
     ),
     "steering_deadzone": Question(
-        "below which angle the steering does not move",
+        "angle below which the steering does not move",
         "rad",
         {"ackermann": 0.0175, "forklift": 0.0125},
         high=0.5,
         may_vanish=True,
     ),
-    "acceleration": Question("how fast it can speed up and slow down", "m/s^2", _all(usual=1.0), high=100.0),
-    "turn_acceleration": Question("how fast its yaw rate can change", "rad/s^2", {"twist": 3.0}),
+    "acceleration": Question("largest acceleration and deceleration", "m/s^2", _all(usual=1.0), high=100.0),
+    "turn_acceleration": Question("largest yaw acceleration", "rad/s^2", {"twist": 3.0}),
     "lag": Question("time constant of its motors", "s", _all(usual=0.15, ackermann=0.2, forklift=0.2), high=10.0),
     "track": Question("distance between its driven wheels", "m", {"differential": 0.5}, high=10.0),
     "wheelbase": Question("distance between its axles", "m", {"ackermann": 1.2, "forklift": 1.2}, high=20.0),
-    "speed": Question("speed on the path, where it may be driven so fast", "m/s", _all(usual=0.5), high=50.0),
-    "corner": Question("how far from a corner its path may pass", "m", _all(usual=0.25), high=100.0),
+    "speed": Question("speed on the path, where the limits allow it", "m/s", _all(usual=0.5), high=50.0),
+    "corner": Question("how far from a corner the path may pass", "m", _all(usual=0.25), high=100.0),
     "uncertainty": Question(
-        "how uncertain these numbers are; 1: as those of a base that nobody measured", "", _all(usual=1.0), high=1.5
+        "how uncertain these numbers are; 1: as for a base that was never measured", "", _all(usual=1.0), high=1.5
     ),
 }
-LEFT = ("lag", "track", "wheelbase", "corner", "uncertainty", "turn_acceleration")  # not asked: the default is said
+LEFT = ("lag", "track", "wheelbase", "corner", "uncertainty", "turn_acceleration")  # not asked: the default is printed
 
 
 def spelled(name: str) -> str:
@@ -123,13 +123,18 @@ NEW = Command(
             choices=tuple(KINDS),
             help="; ".join(f"{name}: {words}" for name, words in KINDS.items()),
         ),
-        option("--law", choices=tuple(LAWS), help="what steers it (default: path_pid)"),
+        option("--law", choices=tuple(LAWS), help="the law (default: path_pid)"),
         option(
             "--path", metavar="FILE.csv", help="columns x, y [m], and perhaps speed [m/s] (default: a built-in path)"
         ),
-        flag("--closed", "the path goes on from its last point to its first (default: where the two are the same)"),
+        flag("--closed", "the path continues from its last point to its first (default: if the two are equal)"),
         *(_number(name, question) for name, question in QUESTIONS.items()),
-        option("--within", type=real, metavar="M", help="limit: no vehicle further off its path (default: none)"),
+        option(
+            "--within",
+            type=real,
+            metavar="M",
+            help="limit: largest distance of any vehicle to its path (default: none)",
+        ),
         option("--out", metavar="FILE.toml", default="robot.toml", help="a new file (default: robot.toml)"),
         QUIET,
     ),
@@ -139,7 +144,7 @@ NEW = Command(
 EXPLAIN = Command(
     "what a setting, a metric, a command or an exit code means",
     (
-        option("keys", nargs="+", metavar="KEY", help="as tune.penalty, scenario.path, cross_track, sweep, 130"),
+        option("keys", nargs="+", metavar="KEY", help="such as tune.penalty, scenario.path, cross_track, sweep, 130"),
         QUIET,
     ),
     "tune.penalty scenario.actuators.left.delay",

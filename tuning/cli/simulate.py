@@ -73,7 +73,7 @@ def _of_sweep(arguments: argparse.Namespace, config: Config) -> Config:
     others = [text for text in arguments.set if not text.startswith("simulate.")]
     others += [f"--config {name}" for name in arguments.config] + ["--seed"] * (arguments.seed is not None)
     if others:
-        rule = "left out with --from, which brings scenario and controller; --set simulate.KEY=VALUE is fine"
+        rule = "left out with --from, which sets scenario and controller; --set simulate.KEY=VALUE is allowed"
         raise InputError([Fault("--from", text, rule) for text in others])
     if arguments.sweep is None:
         raise InputError([Fault("--from", "none", "the folder of a sweep, with --index and --controller")])

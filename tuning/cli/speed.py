@@ -30,8 +30,8 @@ def run(arguments: argparse.Namespace) -> int:
     warn(console, config, "tune", "simulate", moving=moving(config))
     if config.simulate.horizon > given.simulate.horizon:
         text = f"runs are {config.simulate.horizon:g} s long (simulate.horizon = {given.simulate.horizon:g})"
-        console.note(f"{text}, so that the slowest speed sees the whole route")
-    console.say("tuning at one speed after another; the first start compiles for minutes")
+        console.note(f"{text}, so that the slowest speed covers the whole route")
+    console.say("tuning at one speed after another; the first start takes minutes to compile")
     study, settings = Study(config), config.speed
     with console.parts("tuning", settings.points + settings.halvings, "speeds", (RuntimeError,)) as tick:
         tried = search(study, saved.tried, saved.keep, lambda factor: tick(f"x {factor:.3g}"))

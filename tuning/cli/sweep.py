@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         except OSError as error:
             done = sum(shards.path_of(out, i).exists() for i in range(manifest.shards))
             text = f"a shard could not be written to {out} ({error}); {done} of {manifest.shards} are kept"
-            raise RunFailed(f"{text}: mend that and give the same command again, it goes on") from error
+            raise RunFailed(f"{text}: fix that and repeat the same command, it continues") from error
     conclude(config, out, manifest, plan, laws, judges, console.say)
     return 0
 

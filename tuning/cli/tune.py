@@ -63,7 +63,7 @@ def _together() -> Iterator[None]:
     except jax.errors.JaxRuntimeError as error:
         if not processes.joined():
             raise
-        again = "begin all of them again with --resume, the run goes on from its last checkpoint"
+        again = "start all of them again with --resume: the run continues from its last checkpoint"
         raise RunFailed(f"another process was lost; {again} ({error})") from error
 
 
@@ -71,14 +71,14 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
     """Iterate phase by phase; save now and then, at the end, and when interrupted."""
     problem, first = recorder.problem, recorder.run
     size, most = problem.config.ensemble.size, problem.config.tune.iterations
-    console.say(f"tuning {', '.join(recorder.names)} on {size} scenarios; the first start compiles for a minute")
+    console.say(f"tuning {', '.join(recorder.names)} on {size} scenarios; the first start takes a minute to compile")
 
     with console.phases() as phases:
 
         def each(run: Run) -> None:
             _stop(signals)
             turn = f", round {run.round}" if run.round else ""
-            phase = phases.begin(f"tuning{turn}", unit=f"iterations of at most {most} a search")
+            phase = phases.begin(f"tuning{turn}", unit=f"iterations of at most {most} per search")
             last = next(p for p in reversed(run.searches) if p.history)
             step = f"generation {populations.generation(run.searches)}" if populations.drawn(last) else ""
             phase.note(f"{step or f'cost {last.history[-1][1]:.4f}'}, best {run.lead.best[1]:.4f}")
@@ -87,7 +87,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
 
         def looking(runs: int, sets: int) -> None:
             _stop(signals)
-            phase = phases.begin("looking at gain sets", unit="runs")
+            phase = phases.begin("screening gain sets", unit="runs")
             phase.advance(runs)
             phase.note(f"{sets} gain sets left")
 

@@ -1,4 +1,4 @@
-"""`agvjax vehicles`: what is left of the controller on vehicles one can meet."""
+"""`agvjax vehicles`: the controller on realistic vehicle models."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PARTS = 4
 def run(arguments: argparse.Namespace) -> int:
     """Tune for the built-in vehicles and judge; write tables, figures, animation and report."""
     if arguments.config:
-        rule = f"left out: this command looks at {', '.join(VEHICLES)}; tune any other with `agvjax tune --config`"
+        rule = f"left out: this command uses only {', '.join(VEHICLES)}; tune any other with `agvjax tune --config`"
         raise InputError([Fault("--config", name, rule) for name in arguments.config])
     console = configure(arguments, faults)[1]
     settings, imports = overrides(arguments), arguments.imports
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
         files.write(out / f"config-{name}.toml", configuration.dump(config))
     from ..studies.vehicles import page, study  # late: the libraries that they import are optional
 
-    with console.parts("tuning and judging", PARTS) as tick:
+    with console.parts("tuning and evaluating", PARTS) as tick:
         tables = study.study(configs, tick)
     console.conclude(page.write(tables, out), f"written to {out}; begin with {out}/report.html")
     return 0

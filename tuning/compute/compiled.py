@@ -78,7 +78,7 @@ def _kept(name: str) -> Kept:
     root = folder()
     why = "there is no home folder, and XDG_CACHE_HOME is not set" if root is None else private(root, name)
     if why:
-        _NOTES.say(f"what is compiled is not kept, every start compiles again: {why}")
+        _NOTES.say(f"compiled programs are not kept, every start compiles again: {why}")
     return Kept(None if root is None or why else root / name, _NOTES.say)
 
 

@@ -1,4 +1,4 @@
-"""What is asked of gains: goals and limits on statistics of metrics, and the default ones."""
+"""Goals and limits on statistics of metrics, and the default ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LATE = tuple(f"rmse_late_{axis}" for axis in AXES)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Weights:
-    """How much the statistics of a metric, each relative to the starting gains', weigh in the goal.
+    """Weights of the statistics of a metric in the goal, each relative to its value with the starting gains.
 
     Attributes:
         mean: weight of the mean over the ensemble.
@@ -32,14 +32,14 @@ class Weights:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Limit:
-    """What a metric's statistics must not exceed, or with `least` fall below: times the starting gains' or absolute.
+    """Upper limits on the statistics of a metric, or with `least` lower ones: times the starting gains' or absolute.
 
     Attributes:
         mean: limit of the mean over the ensemble; infinite: none.
         worst: limit of the worst scenario of the ensemble; infinite: none.
         cvar: limit of the mean of the worst `tune.tail` of the ensemble; infinite: none.
-        absolute: whether the limits are in the metric's own unit and not times what the starting gains achieve.
-        least: whether the metric must not fall below them.
+        absolute: whether the limits are in the metric's own unit, not multiples of the starting gains' values.
+        least: whether they are lower limits.
     """
 
     mean: float = np.inf

@@ -109,31 +109,35 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
     assert isinstance(laid, agvjax.Route)
     position, heading = _start(laid)
     lines = [
-        f"# {kind}, to be tuned: agvjax tune --config THIS_FILE. What a key means: agvjax explain KEY",
+        f"# {kind}. Tune it: agvjax tune --config THIS_FILE. What a key means: agvjax explain KEY",
         "",
         f"scenario.plant = {_toml(_plant(kind, numbers))}",
         'scenario.disturbance = "none"',
-        "# straight lines, corners rounded; accelerations [m/s^2] leave the vehicle a part of what it can do"
+        "# straight lines, corners rounded; accelerations [m/s^2] leave the law a reserve"
         if "tolerance" in route or "radius" in route
         else "# a smooth curve through the points",
         f"scenario.path = {_toml(route)}",
         f"scenario.start = {_toml({'position': position, 'heading': heading})}",
-        "# below these values nothing moves; and how late commands are [s], slots enough for the latest at this rate",
+        "# commands below these values move nothing; delays of commands [s], with slots for the longest at this rate",
         f"scenario.deadzone = {_toml({name: _zone(name, kind, numbers) for name in actuators})}",
         f"scenario.actuators = {_toml({name: {'delay': _delay(numbers)} for name in actuators})}",
         "",
-        "# the computer, one command a period [s], and the law that is tuned",
+        "# the computer, one command per period [s], and the law to tune",
         f"controller = {_toml({'type': 'sampled', 'period': period, 'inner': _inner(law, kind, numbers, laid)})}",
         "",
-        "# a run [s] is the whole path and a little more",
+        "# a run [s] covers the whole path and a little more",
         *_runs(laid, period, numbers),
         "",
-        "# how uncertain all this is: every vehicle that is tuned for is drawn so",
+        "# the uncertainty: every vehicle of the ensemble is drawn like this",
         *_draws(kind, numbers, actuators, heading),
     ]
     if within is not None:
         limit = {"worst": within, "absolute": True}
-        lines += ["", "# no vehicle further off its path [m]", f"tune.limits.cross_track_peak_late = {_toml(limit)}"]
+        lines += [
+            "",
+            "# largest distance of any vehicle to its path [m]",
+            f"tune.limits.cross_track_peak_late = {_toml(limit)}",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -146,7 +146,7 @@ def _correlation(reader: Reader, key: str, default: Setting, table: Mapping[str,
 
 
 def _slope(reader: Reader, key: str, default: Setting, table: Toml) -> Setting:
-    """A believed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
+    """An assumed slope: a number or one per axis, or a table of both slopes of a deadzone that is known."""
     if isinstance(table, Mapping):
         return reader.fields(key, agvjax.readings.KnownSlopes(), table)
     return reader.plain(key, 1.0, table)

@@ -58,7 +58,7 @@ PAGES = {  # where docs speak of keys that begin so; the longest that fits
     "sweep": "docs/robustness.md",
     "identify": "docs/robot.md",
 }
-LEFT_OPEN = "what law and vehicle say"
+LEFT_OPEN = "set by law and vehicle"
 
 
 class Described(NamedTuple):
@@ -178,7 +178,7 @@ def _below(key: str, default: Any) -> Rows:
     """The keys below one: of every type that may stand there, of every name, or of the dataclass."""
     if key in CLASSES:
         names = ", ".join(CLASSES[key])
-        yield "", Described(f"{key}.type", "a name", _spelled(key, default), "", f"one of {names}", "which type it is")
+        yield "", Described(f"{key}.type", "a name", _spelled(key, default), "", f"one of {names}", "the type")
         for name, cls in CLASSES[key].items():
             if cls in RECIPES:
                 keys = RECIPES[cls].keys.items()
@@ -188,10 +188,10 @@ def _below(key: str, default: Any) -> Rows:
     elif key == "scenario.actuators":
         place = f"{key}.<actuator>.<element>"
         rule = f"one of {', '.join(ELEMENTS)}"
-        text = "which element it is, where its own name does not say"
-        chain = "what the signal of an actuator runs through after its deadzone, in this order"
+        text = "which element it is, if its name is not that of a type"
+        chain = "the elements that an actuator's signal passes through after its deadzone, in this order"
         yield "", Described(f"{key}.<actuator>", "a table", text=chain)
-        yield "", Described(place, "a table", "{}", text="an element that the signal runs through after the deadzone")
+        yield "", Described(place, "a table", "{}", text="an element that the signal passes through after the deadzone")
         yield "", Described(f"{place}.type", "a name", "", "", rule, text)
         for name, cls in ELEMENTS.items():
             yield from _fields(place, cls(), name)
@@ -217,27 +217,27 @@ def _any_name(key: str, name: str, holders: tuple[Any, ...]) -> Rows:
             rule = "a name in scipy.stats, with its parameters beside it" if word == "distribution" else ""
             yield "", Described(f"{place}.{word}", "a value", "", "", rule, _first_line(cls))
     if key == "ensemble.draws":
-        text = "beside a distribution: whether it is of a factor on the nominal value"
+        text = "with a distribution: whether it is that of a factor on the nominal value"
         yield "", Described(f"{place}.times", "true or false", text=text)
     if key == "sweep.over":
-        text = "how many, of a grid; without it samples are drawn"
+        text = "number of points of a grid axis; without it the axis is sampled"
         yield "", Described(f"{place}.points", "a whole number", _spelled("", Span(OneOf(()), 0).points), text=text)
 
 
 OF_NAME = {
-    "imports": ("a string", "SHA-256 of a file of Python with classes of one's own"),
-    "scenario.deadzone": ('a table, or "none"', "the deadzone of an actuator, of those that the plant has"),
+    "imports": ("a string", "SHA-256 of a Python file with your own classes"),
+    "scenario.deadzone": ('a table, or "none"', "the deadzone of an actuator of the plant"),
     "ensemble.draws": ('a table, or "default"', "how a leaf of the scenario is drawn, by its dotted name"),
     "tune.tied": ("a name", "the gain that this one follows"),
     "tune.bounds": ("[low, high]", "the range of a gain"),
-    "tune.goals": ("a number or a table", "weights of a metric in the goal; a number is that of its mean"),
-    "tune.limits": ("a number or a table", "limits on a metric; a number is that of its mean and worst, inf is none"),
+    "tune.goals": ("a number or a table", "weights of a metric in the goal; a number weights its mean"),
+    "tune.limits": ("a number or a table", "limits on a metric; a number limits its mean and worst, inf is no limit"),
     "tune.options": ("a value", "a further argument of the optimiser"),
-    "sweep.over": ("a table, or a list of values", "how a leaf of the scenario or of the law moves along the axis"),
-    "sweep.fails": ("a number or a table", "beyond what a metric counts as a failure"),
+    "sweep.over": ("a table, or a list of values", "the values of a leaf of the scenario or of the law along the axis"),
+    "sweep.fails": ("a number or a table", "bound of a metric above which a run has failed"),
     "identify.columns": ("a name or a table", "the column of a quantity of the log"),
-    "controller.compensation.believed": ('a table, or "none"', "the deadzone that an actuator is taken to have"),
-    "controller.prediction.believed": ('a table, or "none"', "the deadzone that an actuator is taken to have"),
+    "controller.compensation.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
+    "controller.prediction.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
 }
 
 

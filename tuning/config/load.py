@@ -117,7 +117,7 @@ def resolve(
 def _rules(command: str) -> Rules:
     """The rules of a command by its name, as they were given before each room had its own."""
     warnings.warn(
-        f"hand the rules of the room over, not {command!r}: tuning.{command}.rules.faults", DeprecationWarning, 4
+        f"pass the rules of the command, tuning.{command}.rules.faults, not {command!r}", DeprecationWarning, 4
     )
     return importlib.import_module(f"tuning.{command}.rules").faults if command in ("tune", "sweep") else faults
 

@@ -24,7 +24,7 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
 LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
 LATER |= {"margins.instants", "margins.vehicles"}
 
-FIXED = {  # what earlier releases judged by, and what their computers had nothing of
+FIXED = {  # what earlier releases judged by, and what their computers did not have
     "criteria.band": 0.05,
     "criteria.late": 4.0,
     "criteria.margin": 1.0,

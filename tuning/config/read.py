@@ -49,7 +49,7 @@ class Reader:
         return {name: part for name, part in table.items() if name in known}
 
     def config(self, table: Mapping[str, Toml], default: Config) -> Config:
-        """A configuration; its scenario first, then its law, since settings of the tools hang on them."""
+        """A configuration; its scenario first, then its law, since settings of the tools depend on them."""
         if "scenario" in table:
             default = dataclasses.replace(default, scenario=self.scenario(default.scenario, table["scenario"]))
         self.plant, self.deadzone = default.scenario.plant, default.scenario.deadzone

@@ -23,7 +23,7 @@ from .read import Reader
 from .settings import Config
 from .write import table_of
 
-NO_ROUTE = "it is of a route, and scenario.path is none"
+NO_ROUTE = "it needs a route, and scenario.path is not one"
 MOST_STEPS, MOST_SEED = 1e8, 2**31
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
 BASES = {"scenario": agvjax.Scenario} | {places[0]: base for base, places in PLACES.items() if base is not Element}

@@ -1,6 +1,6 @@
-"""Everything that can be set, with its default, its unit, its rule and what it means.
+"""All settings, with default, unit, rule and meaning.
 
-What a setting means stands under Attributes of its class, in its unit; `described` reads it there.
+The meaning of a setting is in the Attributes of its class, in its unit; `described` reads it there.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from .tools import default_over as default_over
 VERSION = 1  # of the file format
 SWEPT_METRICS = ("total_rmse", "effort", "peak_position", "peak_heading", "total_chatter", "longest_settling_time")
 FOLLOWED_METRICS = ("cross_track", "cross_track_late", "cross_track_peak_late", "pace", "total_chatter", "standstill")
-GAINS = ("all", "sensitive")  # every number of the law, or those of them that pay
+GAINS = ("all", "sensitive")  # every parameter of the law, or those predicted to lower the cost
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Simulate:
-    """How `agvjax simulate` steps, and how validation does.
+    """Time stepping of `agvjax simulate` and of the validation.
 
     Attributes:
         dt: length of a step; at most what keeps the command filter stable (reading R10).
         horizon: how long a run is (reading R10); a whole number of steps.
-        integrator: how a step is made; "euler" is the fastest and the least exact.
-        save_every: steps between the samples of trajectory.npz.
-        control_every: steps between control instants of laws and sensors with a memory; 1 of a sampled law, which has
-            a period of its own.
+        integrator: integration method; "euler" is the fastest and least accurate.
+        save_every: steps between samples in trajectory.npz.
+        control_every: steps between control instants of laws and sensors with a memory; 1 for a sampled law, which has
+            its own period.
     """
 
     dt: float = number(DT, "s", POSITIVE, "reading R10")
@@ -57,12 +57,12 @@ class Simulate:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """How runs are judged: when an error has settled, and from when on it is a late one; see `agvjax.Criteria`.
+    """How runs are evaluated: when an error has settled, and when it counts as late; see `agvjax.Criteria`.
 
     Attributes:
         band: an error that stays within it has settled (reading R10).
-        late: from when on an error is a late one, past the transient of the start.
-        margin: a run that is outside the band this close to its end has not settled.
+        late: start of the late error, after the initial transient.
+        margin: a run outside the band this close to its end has not settled.
     """
 
     band: float = number(USUAL.band, "m, m, rad", POSITIVE, "reading R10")
@@ -76,10 +76,10 @@ class Ensemble:
 
     Attributes:
         size: how many scenarios to tune on, drawn with `seed`.
-        validation_size: how many to judge on, drawn with `seed + 1`.
-        fresh: whether to tune on scenarios drawn anew every iteration, for the optimisers of optax; gains are judged,
-            and ranked, on a fixed set all the same.
-        draws: how each leaf of the scenario is drawn, by its name; without it deadzones, disturbance and start about
+        validation_size: how many to validate on, drawn with `seed + 1`.
+        fresh: whether to tune on scenarios drawn anew every iteration, for the optimisers of optax; gains are still
+            evaluated and ranked on a fixed set.
+        draws: how each leaf of the scenario is drawn, by its name; by default deadzones, disturbance and start around
             the configured ones.
         correlation: which leaves are drawn together.
     """
@@ -93,15 +93,15 @@ class Ensemble:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Search:
-    """The search for the worst scenario, after tuning and between the rounds of it.
+    """The search for the worst scenario, after tuning and between its rounds.
 
     Attributes:
-        rounds: of tuning again with what was found; 0: search once and say what was found.
+        rounds: rounds of tuning again with the scenarios found; 0: search once and report them.
         starts: ascents for each metric.
         iterations: steps of each ascent.
-        scouts: samples among whose worst the ascents begin.
-        checks: samples besides, which must not beat what the ascents found.
-        tolerance: how much worse, as a share, than any scenario tuned on a found one must be to be worth a round.
+        scouts: samples; the ascents begin at the worst of them.
+        checks: further samples, to check the result of the ascents.
+        tolerance: how much worse, as a share, than any tuning scenario a found one must be to start another round.
     """
 
     rounds: int = number(0, "1", ROUNDS)
@@ -114,34 +114,33 @@ class Search:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tune:
-    """The tuning problem and how to solve it; its step is coarser than that of the validation.
+    """The tuning problem and how to solve it; its time step is coarser than that of the validation.
 
     Attributes:
-        gains: the gains to tune: any scalar numbers of the law, "all" of them, or "sensitive", those that pay; without
-            it those that the law itself names.
-        tied: gains that follow a tuned one, in the ratio that they start with.
-        bounds: [low, high] of a gain, narrower than the built-in ones.
-        goals: what to minimise: the weighted sum of statistics of metrics, each relative to the starting gains'.
-        limits: what statistics of metrics must not exceed; added to the default ones.
-        tail: share of the ensemble, its worst, whose mean is the statistic "cvar".
-        stability_margin: times what the law's stability conditions ask.
-        sample_rate: rate at which the law must be able to run; 0: at the step of tuning.
+        gains: the gains to tune: any scalar parameters of the law, "all" of them, or "sensitive", those predicted to
+            lower the cost; by default those that the law itself names.
+        tied: gains that follow a tuned one, in their starting ratio.
+        bounds: [low, high] of a gain, narrower than the built-in bounds.
+        goals: the cost: a weighted sum of statistics of metrics, each relative to its value with the starting gains.
+        limits: upper limits on statistics of metrics; added to the default ones.
+        tail: the share of the ensemble, the worst, whose mean is the statistic "cvar".
+        stability_margin: factor on the bounds of the law's stability conditions.
+        sample_rate: rate at which the law must be able to run; 0: that of the tuning step.
         penalty: cost of exceeding a limit, for each unit of ratio.
         dt: length of a step of a run while tuning.
-        integrator: how a step is made while tuning.
-        gradient: "forward" carries the slopes in all gains along, "reverse" goes back through the run; "auto" takes
-            the first up to 30 gains.
+        integrator: integration method while tuning.
+        gradient: "forward" or "reverse" mode differentiation; "auto" uses forward mode up to 30 gains.
         optimizer: "sqp", sequential quadratic programming, which needs no settings; "cma", which needs no gradient; or
             an optimiser of optax by its name.
         options: further arguments of the optimiser.
-        learning_rate: of an optimiser of optax; it falls to 0 along a cosine.
-        iterations: the most iterations of a search.
-        patience: a search ends after so many iterations without a better result.
+        learning_rate: learning rate of an optimiser of optax; it decays to 0 along a cosine.
+        iterations: largest number of iterations of a search.
+        patience: a search ends after this many iterations without improvement.
         clip: norm to which a gradient is clipped for optimisers of optax.
-        screen: gain sets looked at before the search, which begins at the best of them; 0: none.
-        starts: searches, from the best places of the screening that lie apart; the best result is kept.
-        spread: the factor, either way, within which gain sets are tried about the configured gains.
-        checkpoint_every: iterations between what is kept for --resume.
+        screen: gain sets evaluated before the search, which begins at the best of them; 0: none.
+        starts: searches, from the best points of the screening that lie apart; the best result is kept.
+        spread: the factor, either way, within which gain sets around the configured gains are tried.
+        checkpoint_every: iterations between checkpoints for --resume.
         search: the search for the worst scenario.
     """
 
@@ -172,23 +171,23 @@ class Tune:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Config:
-    """Everything a command needs to know.
+    """The complete configuration of a command.
 
     Attributes:
         version: of this file format.
-        imports: files of Python with classes of one's own, by name, and the SHA-256 of each; a run writes it.
+        imports: Python files with your own classes, by name, with the SHA-256 of each; written by a run.
         seed: of every random number.
         precision: bits of a floating-point number.
-        controller: the law and its gains, and where it runs in a computer its period.
-        scenario: all that the law does not know: vehicle, actuators, path, disturbance, start.
+        controller: the law and its gains; for a law in a computer also its period.
+        scenario: everything that the law does not know: vehicle, actuators, path, disturbance, start.
         simulate: steps and length of a run.
-        criteria: how runs are judged.
-        ensemble: the vehicles to tune on and to validate on.
-        tune: what is tuned, for what, and how.
+        criteria: how runs are evaluated.
+        ensemble: the vehicles for tuning and for validation.
+        tune: the gains, goals, limits and search of the tuning.
         pareto: of `agvjax pareto`: the front of the goal against one limit.
         speed: of `agvjax speed`: which speeds are tried.
         margins: of `agvjax margins`: where a loop is linearised.
-        sweep: of `agvjax sweep`: the scenarios to look at, and what counts as a failure.
+        sweep: of `agvjax sweep`: the scenarios, and what counts as a failure.
         identify: of `agvjax identify`: how a log is read and fitted.
     """
 

@@ -34,10 +34,10 @@ class Pareto:
     """The front of the goal against one limit, in multiples of the starting gains'.
 
     Attributes:
-        metric: whose limit is moved.
+        metric: the metric whose limit is varied.
         low: the tightest limit, times the starting gains'.
         high: the loosest limit, times the starting gains'.
-        points: limits from low to high, each of which is tuned for.
+        points: number of limits from low to high, each tuned for.
     """
 
     metric: str = choice("effort", [name for name, row in METRICS.items() if not row.loop])
@@ -48,15 +48,15 @@ class Pareto:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Speed:
-    """How far a vehicle may lie off its route, and the speeds that are tried, in multiples of the route's own.
+    """The largest distance of a vehicle to its route, and the speeds to try, in multiples of the route's own.
 
     Attributes:
-        within: how far a vehicle may lie off its route; 0: the route's corridor.
-        after: the start is over after this time at the route's own speed, and after as much way at any other.
+        within: largest distance of a vehicle to its route; 0: the route's corridor.
+        after: end of the start-up phase at the route's own speed; the same distance travelled at any other.
         low: the lowest speed tried, times the route's own.
         high: the highest speed tried, times the route's own.
-        points: speeds from low to high.
-        halvings: of the gap between a speed that holds and the next that does not.
+        points: number of speeds from low to high.
+        halvings: bisections of the gap between a speed that holds and the next that does not.
     """
 
     within: float = number(0.0, "m", NONNEGATIVE)
@@ -69,11 +69,11 @@ class Speed:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Margins:
-    """Where a loop is linearised: at instants from `criteria.late` on, of vehicles that were not tuned on.
+    """Where a loop is linearised: at instants from `criteria.late` on, for vehicles not used for tuning.
 
     Attributes:
-        instants: along a run, at which the loop is looked at.
-        vehicles: beside the configured one, not tuned on.
+        instants: number of instants along a run.
+        vehicles: number of vehicles besides the configured one, not used for tuning.
     """
 
     instants: int = number(USUAL.instants, "1", STARTS)
@@ -82,10 +82,10 @@ class Margins:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bound:
-    """Beyond what a run has failed: in multiples of the nominal run with the configured gains, or absolute.
+    """When a run has failed: in multiples of the nominal run with the configured gains, or absolute.
 
     Attributes:
-        value: beyond it a run has failed, times the nominal run's, or in the metric's own unit.
+        value: a run fails above this, times the nominal run's value or in the metric's own unit.
         absolute: whether the value is in the metric's own unit.
     """
 
@@ -94,28 +94,28 @@ class Bound:
 
 
 def default_over(actuator: str = "position") -> tuple[dict[str, Span], ...]:
-    """How far may an actuator's deadzone drift, under how strong a disturbance? Its slopes down to a twentieth."""
+    """How far may an actuator's deadzone deviate, under how large a disturbance? Its slopes down to a twentieth."""
     slopes = {f"deadzone.{actuator}.slope_{side}": Span(Times(0.05, 1.5), 41) for side in ("right", "left")}
     return slopes, {"disturbance.amplitude": Span(Between(0.0, 2.0), 41)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """The scenarios to look at, in what detail, and what counts as a failure.
+    """The scenarios of a sweep, and what counts as a failure.
 
     Attributes:
-        over: the axes, crossed; one table an axis, whose leaves move as one. Without it the deadzone's slopes and the
-            disturbance.
-        ensemble: whether to draw the other leaves of the tuning ensemble too.
-        design: how what is sampled is sampled; "saltelli" and "morris" are for sensitivities.
-        samples: at every node of the grid, where something is sampled.
-        controllers: beside the configured one: files of gains, or names of laws.
-        metrics: which metrics are kept of every run.
-        fails: beyond what a metric counts as a failure.
-        radius: whether to look for the largest box around nominal in which nothing fails.
-        shard: scenarios in a file.
+        over: the axes, crossed; one table per axis, whose leaves move together. By default the deadzone's slopes and
+            the disturbance.
+        ensemble: whether to also draw the other leaves of the tuning ensemble.
+        design: how samples are spread; "saltelli" and "morris" are for sensitivities.
+        samples: number of samples at every node of the grid, if anything is sampled.
+        controllers: besides the configured one: files of gains, or names of laws.
+        metrics: which metrics of every run are stored.
+        fails: bounds above which a run has failed, by metric.
+        radius: whether to search for the largest box around the nominal point in which nothing fails.
+        shard: scenarios per file.
         dt: length of a step of a run of a sweep.
-        integrator: how a step is made in a sweep.
+        integrator: integration method in a sweep.
     """
 
     over: tuple[dict[str, Span], ...] = OPEN  # see `default_over`

@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
@@ -48,6 +48,11 @@ def grid(header: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
     text = [[f"{x:.4g}" if isinstance(x, float) else str(x) for x in line] for line in (header, *lines)]
     rows = ["| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in text]
     return "\n".join([rows[0], "|" + "---|" * len(header), *rows[1:]])
+
+
+def meanings(texts: Mapping[str, str]) -> str:
+    """A list of names, each with what it means."""
+    return "\n".join(f"* `{name}`: {text}" for name, text in texts.items() if text)
 
 
 def picture(file: str, caption: str) -> str:

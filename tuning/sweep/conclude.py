@@ -44,7 +44,7 @@ def conclude(
             if ours and not _reported(folder, text):
                 (folder / "report.html").unlink(missing_ok=True)
                 files.write(folder / "config.toml", text)
-                say("looking at the results ...")
+                say("evaluating the results ...")
                 say("", plain(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder)))
                 say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
                 claims.sweep_up(folder)

@@ -1,4 +1,4 @@
-"""What a sweep shows, in numbers: failures and how sure they are, the worst scenarios, what the metrics hang on."""
+"""What a sweep shows, in numbers: failures with intervals, the worst scenarios, sensitivities of the metrics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Failures(NamedTuple):
 
 
 class Index(NamedTuple):
-    """How much one metric hangs on one axis."""
+    """Sensitivity of one metric to one axis."""
 
     axis: str
     first: float  # Sobol: first order; Morris: mean absolute elementary effect, in the metric's unit per whole range

@@ -9,7 +9,8 @@ import numpy as np
 
 from agvjax.metric_table import METRICS
 
-from ..io.pages import grid, picture
+from ..io.pages import grid, meanings, picture
+from ..tune.meanings import of_metrics
 from .design import SENSITIVITY
 from .findings import QUANTILES, worst
 from .radius import Radius
@@ -19,12 +20,12 @@ from .verdict import SweepVerdict
 WORST = 10  # scenarios listed
 METRIC_TABLE, WORST_TABLE = "Every metric", "The worst scenarios"
 CAPTIONS = {  # by how the name of a figure begins
-    "map_failures": "Share of the runs that fail, over two axes",
+    "map_failures": "Share of runs that fail, over two axes",
     "map_": "Worst {} over two axes",
-    "difference_": "By how much two controllers differ, over two axes",
-    "failures": "Share of the runs that fail, along the axis",
-    "cuts": "Metrics along every axis: median, 90 % band and worst over all else; failures in red",
-    "distributions": "How the metrics are distributed over the scenarios",
+    "difference_": "Difference between two controllers, over two axes",
+    "failures": "Share of runs that fail, along the axis",
+    "cuts": "Metrics along every axis: median, 90 % band and worst over all other axes; failures in red",
+    "distributions": "Distributions of the metrics over the scenarios",
     "sensitivity_": "Which axes the metrics depend on",
 }
 
@@ -33,8 +34,12 @@ def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder:
     """The whole report."""
     first, *others = [picture(name, f"{_caption(name)}.") for name in figures]
     blocks = ["# Where do the gains fail?", _what(results), *_radii(results, judged)[:1], _failures(results, judged)]
-    blocks += [first, *(["## How far may it drift?", *further] if (further := _radii(results, judged)[1:]) else [])]
+    blocks += [
+        first,
+        *(["## How far may the parameters deviate?", *further] if (further := _radii(results, judged)[1:]) else []),
+    ]
     blocks += [*(["## Further figures", *others] if others else []), f"## {METRIC_TABLE}", _metrics(results, judged)]
+    blocks += [meanings(of_metrics(tuple(results.metrics), results.config.criteria))]
     blocks += [*_sensitivity(results, judged), f"## {WORST_TABLE}", *_worst(results, judged, folder)]
     return "\n\n".join(blocks) + "\n"
 
@@ -72,11 +77,11 @@ def _failures(results: Results, judged: SweepVerdict) -> str:
         for name, f in zip(results.names, judged.failures, strict=True)
     ]
     shown = slice(None if drawn else -1)
-    rule = ", or ".join(f"{name} passes {bound:.5g} {METRICS[name].unit}" for name, bound in judged.bounds.items())
+    rule = ", or ".join(f"{name} exceeds {bound:.5g} {METRICS[name].unit}" for name, bound in judged.bounds.items())
     passed = f", or if {rule} (multiples are of the nominal run with the first controller)" if rule else ""
     note = f"A run fails if it diverges{passed}."
     if drawn and plan.method != "random":
-        note += " The interval is that of independent draws; evenly spread ones are surer."
+        note += " The interval is that of independent draws; with evenly spread ones it is conservative."
     if not drawn:
         note += " The share is that of this design, not a probability."
     return f"{grid(header[shown], [row[shown] for row in rows])}\n\n{note}"
@@ -86,7 +91,7 @@ def _radii(results: Results, judged: SweepVerdict) -> list[str]:
     lines = []
     for name, r in zip(results.names, judged.radii, strict=False):  # none, or one of each controller
         if r.radius >= 1:
-            text = "nothing was found to fail anywhere in the axes' ranges"
+            text = "no failure was found anywhere in the axes' ranges"
         elif r.failure == 0:
             text = "the nominal run itself fails"
         else:
@@ -100,11 +105,11 @@ def _radii(results: Results, judged: SweepVerdict) -> list[str]:
     ends = [{target: f"{low:.4g} to {high:.4g}" for target, (low, high) in r.ends.items()} for r in judged.radii]
     rows = [[target, *(each[target] for each in ends)] for target in ends[0]]
     box = grid(["leaf", *results.names], rows)
-    return ["\n".join(lines), "The box in which nothing was found to fail:", box, *blocks]
+    return ["\n".join(lines), "The box in which no failure was found:", box, *blocks]
 
 
 def _metrics(results: Results, judged: SweepVerdict) -> str:
-    header = ["metric", "unit", "controller", "nominal", "mean of those with a value", "5 %", "median", "95 %", "worst"]
+    header = ["metric", "unit", "controller", "nominal", "mean of finite values", "5 %", "median", "95 %", "worst"]
     rows = []
     for metric, of_each in results.metrics.items():
         for name, nominal, values in zip(results.names, judged.nominal, of_each, strict=True):
@@ -113,13 +118,13 @@ def _metrics(results: Results, judged: SweepVerdict) -> str:
                 mean = finite.mean() if finite.size else np.inf
             numbers = (nominal[metric], mean, *np.quantile(values, QUANTILES, method="nearest"), values.max())
             rows.append([metric, METRICS[metric].unit, name, *map(float, numbers), values.size - finite.size])
-    return grid([*header, "without a value (not in the mean)"], rows)
+    return grid([*header, "not finite (not in the mean)"], rows)
 
 
 def _sensitivity(results: Results, judged: SweepVerdict) -> list[str]:
     method = results.design.method
     if not any(any(of_metric.values()) for of_metric in judged.indices.values()):
-        none = "No sensitivities: runs diverged or did not settle, and an infinite metric has none."
+        none = "No sensitivities: runs diverged or did not settle, so some metrics are infinite."
         return [none] if method in SENSITIVITY else []
     names = ["axis", "first order", "±", "total", "±"]
     if method == "morris":
@@ -149,7 +154,7 @@ def _worst(results: Results, judged: SweepVerdict, folder: str) -> list[str]:
             for n in numbers
         ]
         blocks += [f"{name}, by {metric}:", grid(["index", metric, "failed", *results.leaves], rows)]
-    return [*blocks, f"`agvjax simulate --from {folder} --index {listed[0][0]}` rolls one out again."]
+    return [*blocks, f"`agvjax simulate --from {folder} --index {listed[0][0]}` simulates one of them again."]
 
 
 def _shown(value: Any) -> str:

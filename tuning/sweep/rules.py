@@ -45,7 +45,9 @@ def _axes(config: Config) -> Iterator[Fault]:
     for table in sweep.over:
         points = {name: span.points for name, span in table.items()}
         if len(set(points.values())) != 1:
-            yield Fault("sweep.over", points, "as many points for every leaf of one table: they move as one")
+            yield Fault(
+                "sweep.over", points, "the same number of points for every leaf of one table: they move together"
+            )
         for name, span in table.items():
             yield from _axis(config, name, span.draw)
             leaf, element = element_of(name)
@@ -65,7 +67,7 @@ def _design(config: Config) -> Iterator[Fault]:
     if sweep.design not in SENSITIVITY:
         return
     if sweep.ensemble and config.ensemble.correlation is not None:
-        rule = "random, sobol or latin: this method takes leaves for independent that ensemble.correlation ties"
+        rule = "random, sobol or latin: this method needs independent leaves, and ensemble.correlation ties them"
         yield Fault("sweep.design", sweep.design, rule)
     gridded = any(span.points for table in sweep.over for span in table.values())
     if gridded or not (sweep.ensemble or sweep.over):

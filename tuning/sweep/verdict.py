@@ -65,8 +65,8 @@ def _unmoved(config: Config, reach: radius.Reach) -> str:
     if not config.sweep.fails:
         return "Nothing counts as a failure: sweep.fails is empty."
     if not reach.axes:
-        return "Not looked for: only leaves of the scenario with a range can move."
-    return f"Left at nominal in the box: {', '.join(reach.fixed)}." if reach.fixed else ""
+        return "Not searched: only leaves of the scenario with a range can move."
+    return f"Fixed at nominal in the box: {', '.join(reach.fixed)}." if reach.fixed else ""
 
 
 def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str, float]:

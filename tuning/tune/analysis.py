@@ -1,4 +1,4 @@
-"""What the tuned gains teach: which requirement hangs on which gain, which limits bind, what the data cannot tell."""
+"""What the tuned gains show: sensitivities of requirements to gains, active limits, identifiability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a careful colleague would say of tuned gains besides "all limits are met"."""
+"""What a careful colleague would say about tuned gains besides "all limits are met"."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def worst_case(
     bounds, lines = worst_bounds(objective, baseline), []
     for one in worst:
         bound = bounds.get(one.metric, np.inf)
-        place = "a scenario that the ensemble can draw, though it was not drawn,"
+        place = "a scenario that the ensemble can draw but did not draw"
         if not np.isfinite(one.value):
             lines.append(f"{place} diverges ({one.metric}; tune.search.rounds tunes with it)")
         elif one.value > (1 + TOLERANCE) * bound:

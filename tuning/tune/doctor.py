@@ -18,7 +18,7 @@ from .analysis import relative_slopes
 from .tuner import Tuner
 
 MOST = 6  # slopes that disagree which a terminal is told
-FLAT = 1e-9  # relative slope below which a requirement does not hang on a gain
+FLAT = 1e-9  # relative slope below which a requirement does not depend on a gain
 
 
 class Slope(NamedTuple):
@@ -115,7 +115,7 @@ def first_bad(tuner: Tuner, index: int) -> Sick | None:
         state = np.concatenate([np.asarray(trajectory.position), np.asarray(trajectory.velocity)], axis=1)
         held = np.all(state == state[-1], axis=1)
         step = int(len(held) - np.argmin(held[::-1])) if not held.all() else 0
-        return Sick(index, step, step * tuner.timing.dt, "the vehicle's state passes scenario.limit and is held")
+        return Sick(index, step, step * tuner.timing.dt, "the state exceeds scenario.limit: diverged, frozen here")
     return None
 
 
@@ -144,7 +144,7 @@ def page(diagnosis: Diagnosis) -> str:
     lines = [f"{diagnosis.diverged} of {diagnosis.size} runs diverge with the starting gains."]
     lines += [f"Scenario {s.scenario}, step {s.step}, t = {s.time:.4g} s: {s.what}." for s in diagnosis.sick]
     if diagnosis.bad > diagnosis.diverged:
-        lines.append(f"Of {diagnosis.bad - diagnosis.diverged} others metrics or slopes are not finite.")
+        lines.append(f"{diagnosis.bad - diagnosis.diverged} others have metrics or slopes that are not finite.")
     if diagnosis.slopes:
         rows = [
             [*s[:2], f"{s.gradient:+.6f}", f"{s.difference:+.6f}", f"{s.left:+.4f}", f"{s.right:+.4f}", s.verdict]
@@ -154,7 +154,8 @@ def page(diagnosis: Diagnosis) -> str:
         count = {v: sum(s.verdict == v for s in diagnosis.slopes) for v in ("agree", "kink", "DISAGREE")}
         lines.append(
             f"{count['agree']} slopes agree with central differences, {count['kink']} lie at a kink between the slopes"
-            f" of either side, {count['DISAGREE']} disagree. Slopes are of a requirement per gain, both relative."
+            f" of either side, {count['DISAGREE']} disagree. Slope: relative change of a requirement per relative"
+            " change of a gain."
         )
     lines.append(
         "Gradients can be trusted." if diagnosis.healthy else "**Do not trust the gradients of this problem.**"

@@ -33,7 +33,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
     drawn = _drawn(table[:, len(COLUMNS) :], np.asarray(start, float))
-    offset, low, top, others = 0, np.inf, -np.inf, "cost of searches from other places"
+    offset, low, top, others = 0, np.inf, -np.inf, "cost of searches from other starting points"
     for turn in range(run.round + 1):
         lead = _lead(run, table, turn)
         for search in np.unique(column["start"][column["round"] == turn]):
@@ -54,7 +54,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
             low = float(np.fmin(low, np.fmin.reduce(column["goal"][rows])))  # NaN where it is not finite
             top = float(np.fmax(top, column["cost"][rows][0]))
         offset += int(((column["round"] == turn) & (column["start"] == lead)).sum())
-    cost.set(ylabel="sum of weighed goals")
+    cost.set(ylabel="weighted sum of goals")
     if np.isfinite(low):
         cost.set(ylim=(0.98 * low, 1.05 * max(top, low)))
     cost.legend(fontsize=8)
@@ -67,7 +67,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
 def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
     """Plain numbers on both, and below the gains their names in columns."""
     if not norm.lines:
-        norm.text(0.5, 0.5, "the best were found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
+        norm.text(0.5, 0.5, "best gains: found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
         norm.set(yticks=[])
     for part in (
         (norm, gain) if norm.lines else (gain,)
@@ -145,7 +145,7 @@ def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: 
             parts["heading"].set(ylabel="heading [rad]")
     routed = after.route is not None
     parts["position"].set(ylabel=("distance" if routed else "position") + " [m]", ylim=(1e-4, None))
-    asked = "speed asked [m/s]" if routed else "asked [m/s$^2$]"
+    asked = "commanded speed [m/s]" if routed else "asked [m/s$^2$]"
     parts["command"].set(ylabel=asked, xlabel="time [s]")
     for name in names:
         parts[name].grid(alpha=0.3)

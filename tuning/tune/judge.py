@@ -58,7 +58,7 @@ class TuneVerdict(NamedTuple):
             first = f"Not tuned: {limits}" + ("; these gains should not be used" if self.useless else "")
         else:
             first = f"Tuned: {limits}"
-            first += "; to be known before these gains are used" if self.cautions else ""
+            first += "; before using these gains, note" if self.cautions else ""
         rest = [*self.over, *self.conflict, *self.useless, *self.cautions]
         return [first + (":" if rest else "."), *rest]
 
@@ -89,7 +89,7 @@ def judge(outcome: Outcome) -> TuneVerdict:
     cautions += caveats.worst_case(objective, outcome.found, baseline, there)
     cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)
     if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):
-        cautions.append("nothing better than the starting gains was found: the gains are those")
+        cautions.append("nothing better than the starting gains was found: they are unchanged")
     cautions += [*_unit(outcome), *([outcome.stopped] if outcome.stopped else [])]
     worst = unseen[after["validation"].worst_index]
     return TuneVerdict(before, after, findings, over, conflict, useless, cautions, tuned_on[0], there, worst)
@@ -102,7 +102,7 @@ def _unit(outcome: Outcome) -> list[str]:
         return []
     values = tuner.gains.values(jnp.asarray(run.screened.unit), config.controller)
     gains = ", ".join(f"{name} = {x:.3g}" for name, x in zip(tuner.gains.names, values, strict=True))
-    return [f"every run diverges with the starting gains: goals and limits are multiples of what {gains} achieve"]
+    return [f"every run diverges with the starting gains: goals and limits are relative to {gains}"]
 
 
 def _start_at_worst(outcome: Outcome) -> dict[str, float]:
@@ -125,16 +125,16 @@ def _conflict(outcome: Outcome, findings: Findings) -> list[str]:
     problem = outcome.problem
     if all(standing.met for standing in findings.standings):
         steps = f"tune.dt = {problem.config.tune.dt:g} s, but not at simulate.dt = {problem.config.simulate.dt:g} s"
-        return [f"They are met at {steps}, at which gains are judged: a smaller tune.dt, or tighter limits, meet them."]
+        return [f"They are met at {steps}, at which gains are evaluated: use a smaller tune.dt, or tighter limits."]
     if not problem.tuner.method.jacobian:
-        return ["Whether they can be kept at all, tune.optimizer = sqp tells."]
+        return ["tune.optimizer = sqp can tell whether they are feasible."]
     parts = analysis.conflict(problem.tuner, outcome.progress.best_z, outcome.run.moving)
     against = [r.name for r, _, price in parts if price > 1e-6]
     if not parts:
-        return ["The excess could still be lowered where the search ended: more iterations may meet them."]
+        return ["The search ended while the violation could still be reduced: more iterations may help."]
     if len(against) < 2:
         return []
-    return [f"These limits are in conflict, lowering one raises another: {', '.join(against)}."]
+    return [f"These limits conflict, lowering one raises another: {', '.join(against)}."]
 
 
 def summary(metrics: agvjax.Metrics, objective: Objective) -> Summary:

@@ -15,37 +15,33 @@ from agvjax.metric_table import METRICS, metrics_of
 from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
-from ..io.pages import grid, picture, publish
+from ..io.pages import grid, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import caveats, figures, populations, tables
 from .finer import baseline_of
 from .gains import value_of
 from .judge import TuneVerdict
+from .meanings import of_gains, of_metrics
 from .problem import TuningProblem
 from .rounds import COLUMNS, Outcome, Run
 
 LINES, ROWS = 15, 7  # that a terminal is told, and of these of a table
-SENSITIVITIES, SEEN, SEARCH = "Requirements and their sensitivities", "On the scenarios tuned on", "The search"
+SENSITIVITIES, SEEN, SEARCH = "Requirements and their sensitivities", "On the tuning scenarios", "The search"
+SYMBOLS = "What these mean"
 NOMINAL = (
-    "The configured vehicle, with the starting gains (grey, dashed) and the tuned ones (blue): its path, and over time"
-    " how far it is off and what the law asks for before the deadzone."
+    "The configured vehicle with the starting gains (grey, dashed) and the tuned gains (blue): its path, and over time"
+    " its error and the command before the deadzone."
 )
-WORST = "The same of the scenario, of those not tuned on, in which the tuned gains have the largest error."
-SENSITIVITY = "By how many percent a requirement changes where a gain alone rises by one percent."
+WORST = "The same for the validation scenario in which the tuned gains have the largest error."
+SENSITIVITY = "By how many percent a requirement changes if one gain alone rises by one percent."
 HISTORY = "The search, round after round: cost and goal, the norm of the gradient, and each gain relative to its start."
 SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_chatter")
 
 
 CONDITIONS = """
-"Must exceed" are the law's own stability conditions (of the paper's law eqs. (48), (52), (70)) for the smallest
-deadzone slopes that the ensemble can draw, times the margin asked for; they hold by construction.
+"Lower bound" is the law's own stability condition (for the paper's law eqs. (48), (52), (70)) at the smallest deadzone
+slopes that the ensemble can draw, times `tune.stability_margin`; the gains satisfy it by construction.
 """
-
-TIMED = """total_rmse is sqrt(mean of e_x^2 + e_y^2 + e_psi^2), rmse_late one channel's after
-{late:g} s, past the start; effort the same of the commands before the deadzone."""
-ROUTED = """cross_track is the RMS distance to the nearest point of the route, late after
-{late:g} s, past the start, and peak the largest; pace the time for each metre; total_chatter
-the sum of the total variations of speed and yaw rate that are asked for."""
 
 
 def conclusion(verdict: TuneVerdict) -> str:
@@ -59,11 +55,11 @@ def subject(config: Any) -> str:
     law, scenario = config.controller, config.scenario
     names = [type(part).__name__ for part in (law, scenario.plant, scenario.path)]
     if isinstance(law, agvjax.Sampled):
-        names[0] = f"{type(law.inner).__name__} in a computer, every {float(law.period):g} s,"
+        names[0] = f"{type(law.inner).__name__} sampled every {float(law.period):g} s,"
     size, unseen = config.ensemble.size, config.ensemble.validation_size
     return (
         f"{names[0]} for the plant {names[1]} on the path {names[2]}, {config.simulate.horizon:g} s;"
-        f" {size} scenarios tuned on, {unseen} others to judge by."
+        f" {size} scenarios for tuning, {unseen} others for validation."
     )
 
 
@@ -81,8 +77,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     counts = (
         f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
         f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
-        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} backed out of because no gradient"
-        f" there was of use.{_drawn(run)}"
+        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} undone because no gradient there"
+        f" was usable.{_drawn(run)}"
     )
     smooth = _smooth_note(objective.metrics)
     learned = "\n".join(f"* {line}" for line in tables.identifiability(verdict.findings))
@@ -90,7 +86,6 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     worst = [f._replace(value=max(f.value, best.get(f.metric, 0.0))) for f in outcome.found]
     searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
     conditions = CONDITIONS if tuned.stability else ""
-    explained = (ROUTED if config.controller.follows() else TIMED).format(late=config.criteria.late)
     baseline = baseline_of(problem, verdict.start)
     worst_table = tables.rounds(outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst)
     return f"""# Tuned gains
@@ -109,12 +104,16 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
 {conditions}{tables.choice(tuned.names, problem.first, run.promises)}
 They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.toml`, in this folder.
 
-## On {after["validation"].size} scenarios that were not tuned on
+## On {after["validation"].size} validation scenarios (not used for tuning)
 
 {tables.comparison(before["validation"], after["validation"], names)}
 
-{explained} Mean and worst are over the runs that did not
-diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+Mean and worst are over the runs that did not diverge. Evaluated at steps of
+{config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+
+## {SYMBOLS}
+
+{symbols(outcome)}
 {_path(config)}
 ## The worst case
 
@@ -122,8 +121,8 @@ diverge. Judged at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s
 
 {worst_table}
 
-The box holds every value that the ensemble can draw{_cut(problem)}; "worst in the ensemble" includes scenarios that
-earlier rounds added. Searched at steps of {settings.dt:g} s.
+The search covers the whole range of values that the ensemble can draw{_cut(problem)} (the box); "worst in the ensemble"
+includes scenarios that earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 {picture("worst.png", WORST)}
 
@@ -131,9 +130,10 @@ earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 {tables.standings(verdict.findings)}
 
-Level: of a goal relative to the starting gains, of a limit relative to its bound b, of one from below 2 - value / b: a
-limit is met at 1 or less. Price: by how much the goal would fall if this limit alone were relaxed by 1 %. Under each
-gain: relative change of the requirement per relative change of the gain, at the tuned gains.
+Level: for a goal its value / that with the starting gains, for a limit value / bound, for a lower limit
+2 - value / bound; a limit is met at a level of 1 or less. Shadow price: by how much the goal would fall if this limit
+alone were relaxed by 1 %. Below each gain: its sensitivity, the relative change of the requirement per relative change
+of the gain, at the tuned gains.
 
 {picture("sensitivity.png", SENSITIVITY)}
 
@@ -158,7 +158,7 @@ def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
     first, *rest = verdict.lines
     said = rest[: max(LINES - 6 - len(names), 1)]
     left = [f"* and {len(rest) - len(said)} more, in the report"] if len(rest) > len(said) else []
-    size = f"On {after.size} scenarios not tuned on, after / before:"
+    size = f"On {after.size} validation scenarios, after / before:"
     rows = [
         [n, *(_times(x[n], y[n]) for x, y in ((after.mean, before.mean), (after.worst, before.worst)))] for n in names
     ]
@@ -179,6 +179,13 @@ def moved(outcome: Outcome) -> tuple[str, ...]:
     return tuple(name for name, m in zip(outcome.problem.tuner.gains.names, outcome.run.moving, strict=True) if m)
 
 
+def symbols(outcome: Outcome) -> str:
+    """What the gains and metrics of the tables mean."""
+    config, tuned = outcome.problem.config, outcome.problem.tuner.gains
+    gains = tuple(dict.fromkeys((*moved(outcome), *tuned.tied, *tuned.stability)))
+    return meanings(of_gains(outcome.controller, gains) | of_metrics(shown(outcome.problem), config.criteria))
+
+
 def shown(problem: TuningProblem) -> tuple[str, ...]:
     """The metrics that a report shows: the usual ones, those of actuators, and all that goals and limits name."""
     scenario, law = problem.config.scenario, problem.config.controller
@@ -193,7 +200,7 @@ def shown(problem: TuningProblem) -> tuple[str, ...]:
 def _path(config: Any) -> str:
     """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
     reasons = "\n".join(f"* {text}" for text in agvjax.path_warnings(config.scenario, config.simulate.horizon))
-    return f"\n## The path\n\nWhatever the gains, it cannot be followed exactly:\n\n{reasons}\n" if reasons else ""
+    return f"\n## The path\n\nIt cannot be followed exactly with any gains:\n\n{reasons}\n" if reasons else ""
 
 
 def _worse(outcome: Outcome) -> list[str]:
@@ -201,9 +208,9 @@ def _worse(outcome: Outcome) -> list[str]:
     if not outcome.worse:
         return []
     rounds = outcome.problem.config.tune.search.rounds
-    more = "tune.search.rounds tunes again with what was found" if not rounds else "more rounds may help"
+    more = "tune.search.rounds tunes again with these" if not rounds else "more rounds may help"
     more = outcome.stopped or more
-    return [f"Worse than any scenario that was tuned on, in {', '.join(outcome.worse)}: {more}."]
+    return [f"Worse than any tuning scenario, in {', '.join(outcome.worse)}: {more}."]
 
 
 def _screened(run: Run) -> str:
@@ -211,8 +218,8 @@ def _screened(run: Run) -> str:
     seen = run.screened
     if seen is None:
         return ""
-    lost = f", every run of {seen.lost} of them diverged" if seen.lost else ""
-    return f"{seen.looked} gain sets looked at, at the price of {seen.rollouts} rollouts of the ensemble{lost}. "
+    lost = f", every run diverged for {seen.lost} of them" if seen.lost else ""
+    return f"{seen.looked} gain sets screened, at the cost of {seen.rollouts} rollouts of the ensemble{lost}. "
 
 
 def _drawn(run: Run) -> str:
@@ -228,14 +235,14 @@ def _smooth_note(names: Sequence[str]) -> str:
     if not any(name.startswith("settling") for name in names):
         return ""
     return (
-        " A settling time jumps where the error touches its band once more: its value is the true one (the horizon for"
-        " a run that has not settled), its slope that of a smooth stand-in."
+        " A settling time jumps when the error touches its band once more: its value is the true one (the horizon for"
+        " a run that has not settled), its derivative that of a smooth surrogate."
     )
 
 
 def _cut(problem: Any) -> str:
     tailed = [n for n, d in problem.config.ensemble.draws.items() if d.tailed]
-    return f", but for the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
+    return f", except the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
 
 
 def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "") -> str:
@@ -258,7 +265,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
     lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
-    publish(out, text, (SENSITIVITIES, SEEN, SEARCH))
+    publish(out, text, (SYMBOLS, SENSITIVITIES, SEEN, SEARCH))
     return "\n\n".join([brief(outcome, verdict), *lost])
 
 

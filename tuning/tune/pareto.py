@@ -45,7 +45,7 @@ def front(
         while not here.finished(progress):
             progress = here.advance(progress)
         if np.isinf(progress.best[1]):
-            raise RuntimeError("no gradient at the starting gains was of use: not one step was taken (agvjax doctor)")
+            raise RuntimeError("no gradient at the starting gains was usable: no step was taken (agvjax doctor)")
         point = Point(
             factor=factors[i],
             goal=progress.best[1],

@@ -136,8 +136,8 @@ def solve(
         run, metrics = _held(problem, run, each, looking)
         reason, stopped = _hindrance(run.lead), ""
         if reason and before is not None:
-            said = f"round {run.round}, with the worst scenarios added, came to nothing: no gradient was of use"
-            return before._replace(stopped=f"{said}; the gains are those of the round before")
+            said = f"round {run.round}, with the worst scenarios added, made no progress: no gradient was usable"
+            return before._replace(stopped=f"{said}; the gains are those of the previous round")
         if reason:
             run, stopped = _looked_at(run, reason)
         searching()
@@ -217,10 +217,10 @@ def _outcome(problem: TuningProblem, run: Run, stopped: str) -> Outcome:
 def _hindrance(lead: Progress) -> str:
     """Why a search came to nothing; empty where it did not."""
     if lead.backed_out and lead.backed_out == lead.iteration - 1:
-        return "every step led to where no gradient was of use: the gains are those of the start"
+        return "every step led to a point without a usable gradient: the gains are the starting gains"
     if np.isinf(lead.best[1]):
-        advice = "other starting gains may help, or tune.starts = 8, which begins at more; agvjax doctor tells more"
-        return f"no gradient at the starting gains was of use: not one step was taken; {advice}"
+        advice = "other starting gains may help, or tune.starts = 8, which tries more; agvjax doctor shows why"
+        return f"no gradient at the starting gains was usable: no step was taken; {advice}"
     return ""
 
 
@@ -255,7 +255,7 @@ def _looked_at(run: Run, reason: str) -> tuple[Run, str]:
         raise RuntimeError(reason)
     excess, goal = (float(x) for x in run.screened.ranks[0])
     leader = run.lead._replace(best_z=run.screened.places[0], best=(excess, goal))
-    tried = f"no gradient was of use from {len(run.searches)} places"
+    tried = f"no gradient was usable from any of {len(run.searches)} starting points"
     stopped = f"{tried}: these are the best of {run.screened.looked} gain sets; tune.optimizer = cma needs no gradient"
     return run._replace(searches=(leader, *(p for p in run.searches if p is not run.lead))), stopped
 

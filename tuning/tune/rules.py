@@ -43,7 +43,7 @@ def _word(tune: Tune) -> list[agvjax.Fault]:
     if tune.gains not in GAINS:
         return [agvjax.Fault("tune.gains", tune.gains, f"a list of names, or one of {', '.join(GAINS)}")]
     if tune.gains == "sensitive" and not method(tune.optimizer).jacobian:
-        rule = "names, or all: only tune.optimizer = sqp sees what each gain promises"
+        rule = "names, or all: only tune.optimizer = sqp can predict the benefit of each gain"
         return [agvjax.Fault("tune.gains", tune.gains, rule)]
     return []
 
@@ -62,7 +62,7 @@ def _names(config: Config) -> list[agvjax.Fault]:
         rule = "names of gains: this law names none to tune by gradient; tune the law inside it"
         found.append(agvjax.Fault("tune.gains", [], rule))
     if len(set(tune.gains)) < len(tune.gains):
-        found.append(agvjax.Fault("tune.gains", list(tune.gains), "names that differ"))
+        found.append(agvjax.Fault("tune.gains", list(tune.gains), "distinct names"))
     rule = "of a tuned or tied gain, one of tune.gains or tune.tied"
     idle = [name for name in tune.bounds if name not in tune.gains and name not in tune.tied]
     found += [agvjax.Fault(f"tune.bounds.{name}", list(tune.bounds[name]), rule) for name in idle]
@@ -96,7 +96,7 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
         found.append(agvjax.Fault("tune.goals", "{}", "at least one statistic of a metric with a weight > 0"))
     asked = [*tune.goals.values(), *(limit for limit in tune.limits.values() if np.isfinite(limit.worst))]
     if tune.search.rounds and not any(part.worst for part in asked):
-        rule = "0 where no goal and no limit is on a worst: what a round adds counts there"
+        rule = "0 if no goal and no limit is on a worst: that is where the scenarios of a round count"
         found.append(agvjax.Fault("tune.search.rounds", tune.search.rounds, rule))
     known = metrics_of(config.scenario, loop=True)
     for key, names in (("goals", tune.goals), ("limits", tune.limits)):
@@ -118,14 +118,14 @@ def _requirements(config: Config) -> list[agvjax.Fault]:
 def _margins(config: Config) -> list[agvjax.Fault]:
     """Margins of the loop where they mean nothing, or of a run that is too short for them."""
     tune, found = config.tune, []
-    rule = "no goal: how far a loop is from instability can be limited, in tune.limits"
+    rule = "no goal: the distance of a loop from instability can be a limit, in tune.limits"
     found += [agvjax.Fault(f"tune.goals.{name}", "asked for", rule) for name in tune.goals if METRICS[name].loop]
     asked = [name for name in tune.limits if METRICS[name].loop]
     for name in asked:
         if METRICS[name].large and not tune.limits[name].least:
             found.append(agvjax.Fault(f"tune.limits.{name}.least", False, "true: a margin is to be large"))
     if asked and not method(tune.optimizer).jacobian:
-        rule = f"sqp: {asked[0]} is not of a run, and others look at runs alone"
+        rule = f"sqp: {asked[0]} is not a metric of a run, and other optimizers use only these"
         found.append(agvjax.Fault("tune.optimizer", tune.optimizer, rule))
     if asked:
         try:
@@ -138,7 +138,7 @@ def _margins(config: Config) -> list[agvjax.Fault]:
 
 def margin_faults(tune: Tune) -> list[agvjax.Fault]:
     """Limits on margins of the loop, for commands that look at runs alone."""
-    rule = "on a metric of runs: here no loop is linearised"
+    rule = "a metric of a run: no loop is linearised here"
     return [agvjax.Fault(f"tune.limits.{name}", "asked for", rule) for name in tune.limits if METRICS[name].loop]
 
 

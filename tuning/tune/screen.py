@@ -183,7 +183,7 @@ def _soundest(objective: Objective, values: np.ndarray, ok: np.ndarray) -> int:
     """The set with the fewest runs that diverge, and of these the smallest goals; where those of the start all do."""
     if not ok.any():
         raise RuntimeError(
-            f"every run diverges, of the starting gains and of {len(ok) - 1} other gain sets: nothing to tune from"
+            f"every run diverges, with the starting gains and with {len(ok) - 1} other gain sets: nothing to tune from"
         )
     goals = [objective.names.index(goal.metric) for goal in objective.goals]
     means = np.array(

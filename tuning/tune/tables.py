@@ -38,17 +38,17 @@ def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
 
 def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
     """In a sentence, which means became better and which worse."""
-    parts: dict[str, list[str]] = {"better": [], "worse": [], "within 1 % of what it was": []}
+    parts: dict[str, list[str]] = {"better": [], "worse": [], "unchanged within 1 %": []}
     for name in metrics:
         old, new = before.mean[name], after.mean[name]
         if not (np.isfinite(old) and np.isfinite(new) and old > 0):
             continue
         change = new / old - 1
         bad = -change if METRICS[name].large else change
-        kind = "better" if bad < -0.01 else "worse" if bad > 0.01 else "within 1 % of what it was"
+        kind = "better" if bad < -0.01 else "worse" if bad > 0.01 else "unchanged within 1 %"
         parts[kind].append(name if abs(change) <= 0.01 else f"{name} {change:+.0%}")
     told = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in parts.items() if names)
-    return f"On average over the scenarios not tuned on, {told}." if told else ""
+    return f"On average over the validation scenarios: {told}." if told else ""
 
 
 def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str, float]) -> str:
@@ -59,7 +59,7 @@ def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str,
         condition = ["", ""] if bound is None else [f"{bound:.4g}", f"{new - bound:.4g}"]
         values = [f"{old:.5g}", f"{new:.5g}", unit_of(after, element(name)[0])]
         rows.append([name, *values, *(condition if stability else [])])
-    return grid(["gain", "before", "after", "unit", *(["must exceed", "margin"] if stability else [])], rows)
+    return grid(["gain", "before", "after", "unit", *(["lower bound", "margin"] if stability else [])], rows)
 
 
 def choice(names: Sequence[str], first: Sequence[str], promises: np.ndarray | None) -> str:
@@ -71,36 +71,36 @@ def choice(names: Sequence[str], first: Sequence[str], promises: np.ndarray | No
         [name, *(f"{100 * x:.4f}" if x else "" for x in column), "yes" if (column >= PAYS).any() else ""]
         for name, column in sorted(kept, key=lambda row: -row[1].max())
     ]
-    turns = [f"promised, look {i + 1} [% of the cost]" for i in range(len(promises))]
+    turns = [f"predicted gain, pass {i + 1} [% of the cost]" for i in range(len(promises))]
     told = f"""
-{", ".join(first)} were tuned first, as the law names them. Then every other number was asked
-by how much it would lower the cost, to first order, within the limits and an e-fold either way. What promised
-{PAYS:.3%} or more was tuned too, and the rest asked again at the gains that came out; the others are left as they are.
+{", ".join(first)} were tuned first, as the law names them. Then the reduction of the cost that
+every other parameter could bring was predicted, to first order, within the limits and a factor of e either way. Those
+with {PAYS:.3%} or more were tuned too, and the rest were predicted again at the new gains; the others are unchanged.
 
 """
-    return told + grid(["number of the law", *turns, "tuned too"], rows) + "\n"
+    return told + grid(["parameter of the law", *turns, "tuned too"], rows) + "\n"
 
 
 def tightened(limits: Sequence[Requirement], rows: np.ndarray | None) -> str:
     """What bounds were multiplied by because limits held at the step of tuning alone; empty where all held."""
     if rows is None:
         return ""
-    told = [f"{r.name} to {x:.5f} of it" for r, x in zip(limits, rows[-1], strict=True) if x != 1]
+    told = [f"{r.name} to {x:.5f} of its bound" for r, x in zip(limits, rows[-1], strict=True) if x != 1]
     times = "once" if len(rows) == 1 else f"{len(rows)} times"
-    return f" Limits that held at tune.dt and not at simulate.dt were tightened {times}: {', '.join(told)}."
+    return f" Limits that held at tune.dt but not at simulate.dt were tightened {times}: {', '.join(told)}."
 
 
 def standings(findings: Findings) -> str:
     """Where every requirement stands, and by how much a gain moves it."""
     rows = []
     for s in findings.standings:
-        kind = "goal" if not s.limit else "limit from below" if s.requirement.least else "limit"
+        kind = "goal" if not s.limit else "lower limit" if s.requirement.least else "limit"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
         value = f"{s.value:.5g} {METRICS[s.requirement.metric].unit}"
         slopes = [figures.signed(x) for x in s.slopes]
         rows.append([s.requirement.name, kind, value, f"{s.level:.4f}", state, price, *slopes])
-    return grid(["requirement", "", "value", "level", "", "price", *findings.names], rows)
+    return grid(["requirement", "", "value", "level", "", "shadow price", *findings.names], rows)
 
 
 def identifiability(findings: Findings) -> list[str]:
@@ -111,18 +111,18 @@ def identifiability(findings: Findings) -> list[str]:
     weak = sorted(zip(names, weakest, strict=True), key=lambda pair: -abs(pair[1]))
     mixture = ", ".join(f"{x:+.2f} {name}" for name, x in weak if abs(x) > 0.2)
     sentences = [
-        f"The combination of gains felt least is ({mixture}), in relative changes:"
-        f" {strength[-1] / strength[0]:.1e} of the one felt most."
+        f"The metrics are least sensitive to the combination ({mixture}) of relative changes of the gains:"
+        f" {strength[-1] / strength[0]:.1e} of the largest sensitivity."
     ]
     sentences += [
-        f"{names[i]} and {names[j]} cannot be told apart: they do the same to every metric of every scenario (cosine"
-        f" {cosine:+.3f})."
+        f"{names[i]} and {names[j]} cannot be distinguished: they have the same effect on every metric of every"
+        f" scenario (cosine {cosine:+.3f})."
         for i, j, cosine in alike
     ]
     felt = np.max(np.abs([s.slopes for s in findings.standings]), axis=0)
     flat = [name for name, largest in zip(names, felt, strict=True) if largest < 1e-4]
     if flat:
-        sentences.append(f"Not felt at all, to first order: {', '.join(flat)}.")
+        sentences.append(f"No effect at all, to first order: {', '.join(flat)}.")
     return sentences
 
 
@@ -133,7 +133,7 @@ def rounds(
     last = max((r.round for r in rows), default=0)
     heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"]
     cells = [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows]
-    for head, values in (("limit", bounds), ("there with the starting gains", start)):
+    for head, values in (("limit", bounds), ("same scenario, starting gains", start)):
         if values is not None:
             heads.append(head)
             for cell, r in zip(cells, rows, strict=True):

@@ -365,7 +365,7 @@ BAD_SWEEP = {
     "twice": (["--over", f"{RIGHT}=0:1:3", "--over", f"{RIGHT}=0:1"], ("sweep.over", RIGHT, "once")),
     "unequal points": (
         ["--set", f"sweep.over=[{{{RIGHT}={{between=[0,1],points=2}}, 'start.heading'={{between=[0,1]}}}}]"],
-        ("sweep.over", "as many points"),
+        ("sweep.over", "the same number of points"),
     ),
     "unknown design": (["--design", "hammersley"], ("sweep.design", "hammersley", "sobol")),
     "sensitivity of a grid": (["--over", f"{RIGHT}=0:1:3", "--design", "morris"], ("sweep.design", "morris", "grid")),

@@ -39,7 +39,7 @@ def test_a_draw_tells_what_is_drawn(capsys):
 
 def test_metrics_commands_and_exit_codes_are_told(capsys):
     text = said(capsys, "cross_track", "delay_margin", "export", *map(str, EXIT_CODES))
-    assert "a metric [m]" in text and "only where the path is a route" in text
+    assert "a metric [m]" in text and "only if the path is a route" in text
     assert "for tune.limits;" in text  # a margin is no goal
     assert COMMANDS["export"].help in text
     for words in EXIT_CODES.values():

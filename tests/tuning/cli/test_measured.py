@@ -21,4 +21,4 @@ def test_a_divergence_says_when_and_what_was_passed(limit):
     run = agvjax.simulate(law, dataclasses.replace(scenario, limit=limit), **timing)
     assert not run.ok and 0 < last < 900
     said = divergence(run, limit)
-    assert f"at t = {1e-3 * last:.4g} s" in said and f"passed scenario.limit = {limit:g}" in said
+    assert f"at t = {1e-3 * last:.4g} s" in said and f"exceeded scenario.limit = {limit:g}" in said

@@ -140,5 +140,5 @@ def test_without_a_place_that_is_safe_nothing_is_kept_and_that_is_said_once(plac
         assert said.count("there is no home folder") == 1
         return
     said = python(PROGRAM, **environment)
-    assert said.count("is not kept") == 1 and said.splitlines()[1] == "7.0"
+    assert said.count("are not kept") == 1 and said.splitlines()[1] == "7.0"
     assert not list(home.rglob("*.bin"))

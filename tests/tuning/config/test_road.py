@@ -342,7 +342,7 @@ def test_keys_of_earlier_files_are_read_where_they_hold_nothing():
 
 
 def test_the_rules_may_still_be_named():
-    with pytest.warns(DeprecationWarning, match="hand the rules"):
+    with pytest.warns(DeprecationWarning, match="pass the rules"):
         assert load([], [], "simulate").tune == load([]).tune
     with pytest.warns(DeprecationWarning), pytest.raises(InputError, match="tune.gains"):
         load([], ['tune.gains=["nope"]'], "tune")
@@ -375,5 +375,5 @@ def test_from_when_on_an_error_is_late_and_what_has_settled_are_what_the_configu
 
 
 def test_what_is_asked_of_a_route_where_there_is_none_is_told_so():
-    with pytest.raises(InputError, match=r"tune\.limits\.pace = .*: must be absent: it is of a route, and"):
+    with pytest.raises(InputError, match=r"tune\.limits\.pace = .*: must be absent: it needs a route, and"):
         pose(load([], ["tune.limits.pace.mean=1"]))

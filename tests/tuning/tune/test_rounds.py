@@ -40,5 +40,5 @@ def test_a_history_without_gradients_says_so_and_draws_the_rest():
     row = (*found.history[0][:5], np.nan, *found.history[0][6:])
     figure = history_figure(("k1", "k2"), (1.0, 1.0), Run(0, (found._replace(history=[row]),), {}, (), ()))
     figure.draw_without_rendering()
-    assert [text.get_text() for text in figure.axes[1].texts] == ["the best were found without gradients"]
+    assert [text.get_text() for text in figure.axes[1].texts] == ["best gains: found without gradients"]
     assert len(figure.axes[2].get_lines()) == 2

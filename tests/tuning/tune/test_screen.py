@@ -112,7 +112,7 @@ def test_sets_that_lose_every_run_are_counted_and_what_the_start_cannot_say_the_
 
 def test_where_every_run_of_every_set_diverges_there_is_nothing_to_tune():
     screen, _ = far_from(lambda z, amplitude: (np.ones((2, len(z))), np.zeros(len(z), bool)))
-    with pytest.raises(RuntimeError, match="every run diverges, of the starting gains and of 511 other gain sets"):
+    with pytest.raises(RuntimeError, match="every run diverges, with the starting gains and with 511 other gain sets"):
         screen.look()
 
 

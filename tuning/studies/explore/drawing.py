@@ -97,4 +97,4 @@ def fixed(sentences: Sequence[str]) -> Div:
     """What cannot be moved here."""
     lines = "".join(f"<li>{html.escape(text)}</li>" for text in sentences)
     style = "font-size: 12px; color: #444; padding-left: 16px; margin: 2px 0"
-    return Div(text=f"<b>Not moved here</b><ul style='{style}'>{lines}</ul>", width=LEFT - 50, margin=(10, 8, 8, 8))
+    return Div(text=f"<b>Fixed here</b><ul style='{style}'>{lines}</ul>", width=LEFT - 50, margin=(10, 8, 8, 8))

@@ -140,7 +140,7 @@ def _numbers(config: Config, fixed: list[str]) -> Iterator[_Number]:
             if number.low < number.high:
                 yield number
             else:
-                fixed.append(f"{element}: its slots hold no longer delay")
+                fixed.append(f"{element}: its slots cannot store a longer delay")
 
 
 def _usual(config: Config, name: str) -> bool:

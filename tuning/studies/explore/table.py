@@ -30,7 +30,7 @@ def table(config: Config, now: Shown, before: Shown, serial: int = 0) -> str:
         label = f"{name.replace('_', ' ')}<span>{METRICS[name].unit.replace('share of', 'of')}</span>"
         cells = [label, *(_cell(name, *pair) for pair in pairs)]
         lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    note = f"Grey: as configured, where that differs. {VEHICLES} vehicles, drawn and stepped as agvjax tune does."
+    note = f"Grey: as configured, if different. {VEHICLES} vehicles, drawn and simulated as by agvjax tune."
     inner = f'{_lost(now)}<table class="m">{"".join(lines)}</table><p class="m">{note}</p>'
     return f'{STYLE}<div data-serial="{serial}">{inner}</div>'
 
@@ -56,6 +56,6 @@ def _number(name: str, value: float) -> str:
 
 def _lost(now: Shown) -> str:
     """What has diverged, in words; empty where nothing has."""
-    said = [] if now.ok else ["This run diverged and was held where it left scenario.limit."]
+    said = [] if now.ok else ["This run diverged and is frozen where it exceeded scenario.limit."]
     said += [f"{now.lost} of the {VEHICLES} vehicles diverged."] if now.lost else []
     return f'<p class="lost">{" ".join(said)}</p>' if said else ""

@@ -16,6 +16,7 @@ from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from .followers import LABELS, Comparison, Tuned
 
 COMPARED = (
@@ -81,15 +82,15 @@ def statements(made: list[Json], names: tuple[str, ...]) -> list[str]:
     key = f"mean_{names[0]}_after"
     within = [row for row in made if row["met"]]
     if not within:
-        return ["No law keeps the limits."]
+        return ["No law meets the limits."]
     first = within[0]
-    said = [f"Nearest to the route on average: {LABELS[first['law']]}, {1e3 * first[key]:.1f} mm."]
+    said = [f"Smallest mean distance to the route: {LABELS[first['law']]}, {1e3 * first[key]:.1f} mm."]
     if len(within) > 1:
         others = ", ".join(f"{LABELS[row['law']]} {row[key] / first[key]:.2f}" for row in within[1:])
         said.append(f"The others, relative to it: {others}.")
     if lost := [LABELS[row["law"]] for row in made if not row["met"]]:
         said.append(f"Limits not met by: {', '.join(lost)}.")
-    said += [f"{LABELS[row['law']]}, on vehicles not tuned on: {row['over']}." for row in made if row["over"]]
+    said += [f"{LABELS[row['law']]}, on validation vehicles: {row['over']}." for row in made if row["over"]]
     if worse := [f"{LABELS[row['law']]} {row['diverged_after']}" for row in made if row["diverged_after"]]:
         said.append(f"Diverged runs after tuning: {', '.join(worse)}.")
     return said
@@ -134,11 +135,11 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: l
     config = comparison.config
     sizes, first = config.ensemble, "\n".join(f"* {line}" for line in said)
     gains = grid(
-        ["law", "gain", "own", "tuned"],
+        ["law", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
             for name, tuned in found.items()
-            for gain in tuned.gains
+            for gain, meaning in of_gains(tuned.start, tuned.gains).items()
         ],
     )
     limits = ", ".join(config.tune.limits) or "none"
@@ -148,12 +149,11 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: l
 
 {text}
 
-Own gains / tuned, on {sizes.validation_size} vehicles that no law was tuned on; over the runs that did not diverge.
-Distances are RMS over a run after its start, and the largest. Every law runs in the same computer, on the same base
-and route, and was tuned on the same {sizes.size} vehicles for the same goal. Limits ({limits}) and goal are multiples
-of what **one** law, the configured one, achieves with its starting gains. Searches begin at the law's own gains and at
-the best of {config.tune.screen} gain sets looked at first. The paper's law goes by the clock: what it is late by, it
-catches up.
+Own gains / tuned, on {sizes.validation_size} validation vehicles; over the runs that did not diverge. Distances are RMS
+over a run after its start-up phase, and the largest. Every law runs in the same computer, on the same base and route,
+and was tuned on the same {sizes.size} vehicles for the same goal. Limits ({limits}) and goal are relative to **one**
+law, the configured one, with its starting gains. Searches begin at the law's own gains and at the best of
+{config.tune.screen} screened gain sets. The paper's law follows a time schedule and catches up when it is late.
 
 {picture("comparison.png", COMPARED)}
 

@@ -17,6 +17,7 @@ from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -79,15 +80,15 @@ def statements(made: list[Json]) -> list[str]:
     worse = [LABELS[r["law"]] for r in made if r["mean_after"] > 1.01 * base["mean_after"]]
     alike = [LABELS[r["law"]] for r in made if LABELS[r["law"]] not in (*better, *worse, "Proposed")]
     sentences = [
-        f"Beside the proposed law at the same command budget, these track {words} in mean RMSE: {', '.join(names)}."
-        for names, words in ((better, "better"), (worse, "worse"), (alike, "alike, within 1 %,"))
+        f"Compared with the proposed law at the same command budget, {words} mean RMSE: {', '.join(names)}."
+        for names, words in ((better, "smaller"), (worse, "larger"), (alike, "similar (within 1 %)"))
         if names
     ]
     used = sorted(row["use_mean"] for row in made)
     sentences.append(
-        "The budget is kept on the scenarios tuned on. On the unseen ones the laws use"
+        "The budget holds on the tuning scenarios. On the unseen ones the laws use"
         f" {used[0]:.2f} to {used[-1]:.2f} times its mean, the proposed law {base['use_mean']:.2f}:"
-        " a lead that is smaller than what a law uses more may be bought, not earned."
+        " an advantage smaller than a law's extra use of the budget may come from that alone."
     )
     diverged = [f"{LABELS[r['law']]} {r['diverged_after']}" for r in made if r["diverged_after"]]
     return [*sentences, f"Diverged runs after tuning: {', '.join(diverged) if diverged else 'none'}."]
@@ -139,30 +140,31 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
         [[name, *comparison.of(name)] for name in BUDGET],
     )
     gains = grid(
-        ["law", "gain", "own", "tuned"],
+        ["law", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain)]
+            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
             for name, tuned in found.items()
-            for gain in spread(tuned.start, tuned.controller.gains_to_tune())
+            for gain, meaning in of_gains(tuned.start, spread(tuned.start, tuned.controller.gains_to_tune())).items()
         ],
     )
     said = "\n".join(f"* {line}" for line in statements(made))
     return f"""# Which law is better at the same command budget?
 
 Every law was tuned by the same tuner (sequential quadratic programming on the exact Jacobian) on the same {sizes.size}
-scenarios, to the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
+scenarios, for the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
 mean and worst, no more than the proposed law needs there with its printed gains. Searches begin at the law's own gains,
-at those of two bandwidths where that is defined, and at the best of 512 gain sets looked at first. The table is on
-{sizes.validation_size} scenarios that no law has seen. Event-triggered: tuned through its continuous law, judged held.
+at those for two bandwidths where defined, and at the best of 512 screened gain sets. The table is for
+{sizes.validation_size} scenarios not used for tuning. The event-triggered law was tuned without its trigger and is
+evaluated with it.
 
 {said}
 
 {table}
 
-These figures are not those of `agvjax tune`, which holds three limits, not nine, and may so spend the commands of one
-channel on another. "Budget used" is the largest of the nine commands' shares of the budget on the unseen scenarios.
-"Refused" are Jacobians whose slopes are the sensitivity of a chattering run; "left out" are starts that the tuning step
-or the stability conditions forbid.
+These figures differ from those of `agvjax tune`, which has three limits, not nine, and can therefore trade the command
+of one channel for that of another. "Budget used" is the largest of the nine shares of the budget used on the unseen
+scenarios. "Refused" are Jacobians rejected because their slopes are those of a chattering run; "left out" are starts
+that the tuning step or the stability conditions do not allow.
 
 {image("comparison")}
 

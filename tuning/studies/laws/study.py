@@ -98,7 +98,7 @@ class Comparison:
         """The best of all starts, and of all gain sets looked at: the budget kept first, then the cost.
 
         Gain sets are looked at first: a gradient of a law that chatters is the sensitivity of its chatter, and where
-        searches by it end hangs on the last bit of a gain.
+        searches by it end depends on the last bit of a gain.
         """
         config, settings = self.config, Tune(gains=law.gains_to_tune(), iterations=ITERATIONS)
         timed = dataclasses.replace(settings, dt=config.tune.dt, integrator=config.tune.integrator)

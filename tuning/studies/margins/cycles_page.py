@@ -26,7 +26,7 @@ def sentences(predicted: Predicted, found: Found, units: Mapping[str, str]) -> l
             continue
         (c, v, k), vehicles = max(stable, key=lambda one: one[0].amplitude), len({v for _, v, _ in stable})
         unit = units.get(name.split("[")[0], "")
-        of = f"what the law wants of {name}" if predicted.inverted[name] else name
+        of = f"the law's demand for {name}" if predicted.inverted[name] else name
         whose = f"vehicle {v}" if v else "the configured vehicle"
         said.append(
             f"A limit cycle of {of} is predicted for {vehicles} of {len(found.ok)} vehicles; the largest, of {whose} at"
@@ -35,7 +35,7 @@ def sentences(predicted: Predicted, found: Found, units: Mapping[str, str]) -> l
         )
         alone = sum(not c.harmonics for c, _, _ in stable)
         if alone:
-            said.append(f"Of {alone} of its {len(stable)} harmonics were not found: by the describing function alone.")
+            said.append(f"For {alone} of its {len(stable)} no harmonics were found: by the describing function alone.")
     if told:
         said.append(
             f"No limit cycle of {', '.join(told)} is predicted, at {int(looked.sum())} instants of all vehicles."

@@ -43,7 +43,7 @@ class Inverted(Element):
     inverse: Inverse
 
     def __call__(self, u: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """The inverse of the one deadzone that is believed in."""
+        """The inverse of the one assumed deadzone."""
         (name,) = self.inverse.believed
         return self.inverse.inverted({name: u})[name]
 

@@ -30,7 +30,7 @@ def along(t: np.ndarray, delays: np.ndarray, sensitivities: np.ndarray, names: S
             inside = np.where(np.isfinite(values), values, np.nan)[:, known]
             axes.plot(t[known], plot.shown(least(inside, axis=0)), "o-", ms=3, lw=1.2, color=color, label=name)
             axes.plot(t[known], plot.shown(np.nanmedian(inside, axis=0)), ":", lw=1.2, color=color)
-    delay.set(xlabel="t [s]", ylabel="more delay that it bears [ms]")
+    delay.set(xlabel="t [s]", ylabel="delay margin [ms]")
     delay.set_ylim(bottom=0)
     peak.axhline(2, color="0.5", lw=0.8)
     peak.set(xlabel="t [s]", ylabel="Ms, largest |S|", yscale="log")

@@ -14,7 +14,7 @@ NOTHING = 1e-9  # a loop's gain that is smaller is what rounding leaves of none
 
 
 class Margins(NamedTuple):
-    """What one loop bears, all others closed as they are; 0, and infinitely much sensitivity, where it is unstable."""
+    """Margins of one loop, all others closed; 0, and infinite sensitivity, if it is unstable."""
 
     gain: float  # its gain may become so many times as large
     less: float  # and so many times as small
@@ -53,7 +53,7 @@ def frequencies(period: float, changing: float = 0.0) -> np.ndarray:
 
 
 def margins(space: control.StateSpace, period: float, fastest: float, changing: float = 0.0) -> Margins:
-    """What a loop bears, by python-control, from its frequency response.
+    """Margins of a loop, by python-control, from its frequency response.
 
     A loop that is taken at one instant says nothing of what is slower than it changes itself [rad/s]: it is another by
     then. So frequencies count from there on, and modes that grow faster.

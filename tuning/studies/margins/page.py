@@ -23,11 +23,11 @@ from .study import Found
 USUAL = {"gain": 2.0, "phase": np.radians(30), "sensitivity": 2.0}  # Astrom and Murray, Feedback Systems, sec. 10.3
 
 CAPTIONS = {
-    "along": "Tightest delay margin and largest Ms of every actuator's loop along the run.",
+    "along": "Smallest delay margin and largest Ms of every actuator's loop along the run.",
     "bode": "Bode plot of the tightest loop, and of the configured vehicle's at the same instant.",
-    "cycles": "The loop L(jw) and -1/N of what is not linear: where they cross, a limit cycle is predicted.",
+    "cycles": "The loop L(jw) and -1/N of the nonlinear elements: where they cross, a limit cycle is predicted.",
 }
-WHY = "something is at a limit there, what is asked for jumps, or a slope is not finite"
+WHY = "something is at a limit there, the command jumps, or a derivative is not finite"
 
 
 class Told(NamedTuple):
@@ -47,7 +47,7 @@ class Worst(NamedTuple):
 
 
 def tightest(found: Found) -> Worst | None:
-    """The loop that bears the least delay; None where no loop could be looked at."""
+    """The loop with the smallest delay margin; None if no loop could be linearised."""
     delays = found.values("delay")
     if not np.isfinite(delays).any():
         return None
@@ -67,13 +67,13 @@ def sentences(found: Found, names: list[str]) -> tuple[list[str], str]:
     if failure:
         said.append(failure)
     if worst is None:
-        said.append(f"No loop could be looked at, at no instant: {WHY}.")
+        said.append(f"No loop could be linearised at any instant: {WHY}.")
         return said, failure or said[-1]
     m, whose = worst.margins, f"vehicle {worst.vehicle}" if worst.vehicle else "the configured vehicle"
     where = f"of {whose} at {found.t[worst.instant]:.4g} s, at {names[worst.input]}"
     if m.delay > 0:
         said.append(
-            f"The tightest loop, {where}, bears {1e3 * m.delay:.3g} ms more delay, {_times(m.gain)} gain and"
+            f"The tightest loop, {where}, tolerates {1e3 * m.delay:.3g} ms more delay, {_times(m.gain)} gain and"
             f" {np.degrees(m.phase):.3g} degrees of lag."
         )
     else:
@@ -89,7 +89,7 @@ def _below(found: Found) -> list[str]:
     """How many vehicles fall below what is usual."""
     said, vehicles = [], len(found.ok)
     bulk = float(np.nanquantile(found.values("delay"), 0.05, method="nearest"))
-    said.append(f"19 in 20 loops bear at least {1e3 * bulk:.3g} ms more delay.")
+    said.append(f"95 % of the loops tolerate at least {1e3 * bulk:.3g} ms more delay.")
     for name, unit in (("gain", "a gain margin below"), ("phase", "a phase margin below")):
         values = found.values(name)
         below = int(np.sum(np.nanmin(np.where(np.isnan(values), np.inf, values), axis=(1, 2)) < USUAL[name]))
@@ -99,7 +99,7 @@ def _below(found: Found) -> list[str]:
     peaks = found.values("sensitivity")
     high = int(np.sum(np.nanmax(np.where(np.isnan(peaks), 0, peaks), axis=(1, 2)) > USUAL["sensitivity"]))
     if high:
-        said.append(f"In {high} of {vehicles} Ms is above the usual {USUAL['sensitivity']:g}.")
+        said.append(f"{high} of {vehicles} vehicles have an Ms above the usual {USUAL['sensitivity']:g}.")
     return said
 
 
@@ -189,22 +189,22 @@ def _page(config: Config, found: Found, said: list[str], margins: str, drawn: li
 {margins}
 
 {pictures}
-Linearised at {len(found.t)} instants from {config.criteria.late:g} s on (`criteria.late`), of the configured vehicle
-and of {others} that were not tuned on. The loop is cut at one actuator, all others stay closed. A margin says how much
-of one change at that actuator the loop bears when nothing else changes: its gain up or down, lag at the frequency where
-its gain is 1, delay; Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of its
-side, backlash and rounding with 1; what a motion small beside them does, the limit cycles tell. Margins of gains
-that stand for one instant say little where the vehicle turns or changes its speed faster: simulate, too.
+Linearised at {len(found.t)} instants from {config.criteria.late:g} s on (`criteria.late`), for the configured vehicle
+and {others} others not used for tuning. The loop is opened at one actuator, all others stay closed. A margin says how
+much of one change at that actuator the loop tolerates if nothing else changes: gain up or down, phase lag at the
+crossover frequency, delay. Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of
+its side, backlash and rounding with 1; the limit cycles cover motions that are small compared with them. A margin is
+that of the loop frozen at one instant: if the vehicle turns or changes its speed faster, simulate as well.
 Left out are instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its
-largest in a second, as at the beginning of a corner; near these the tightest loop may stand for an instant only, and
-the column of 5 % says more. What is slower than it turns or changes its speed there, or than {SLOWEST:g} rad/s, is
-another loop by then and does not count.
+largest in a second, as at the beginning of a corner. Near these the tightest loop may last for an instant only, and the
+5 % column says more. Frequencies at which the loop is slower than the vehicle turns or changes its speed, or below
+{SLOWEST:g} rad/s, do not count.
 
-A limit cycle is where 1 + L(jw) N(A) = 0, N the describing function of what is not linear at one actuator: deadzone,
-backlash, rounding, saturation, with the inverse of a deadzone in the computer, at the mean input that the run has
-there. A stable one is refined by {HARMONICS} harmonics; its amplitude is half the range of the input. `cycles.csv` has
-all of them, also those that are not stable, from which on a motion grows. Not told is what two actuators do together,
-what limits of the plant itself do, and what is slower than the loop is looked at.
+A limit cycle is a solution of 1 + L(jw) N(A) = 0, with N the describing function of the nonlinear elements at one
+actuator (deadzone, backlash, rounding, saturation, and the inverse of a deadzone in the computer) at the mean input of
+the run there. A stable one is refined by {HARMONICS} harmonics; its amplitude is half the range of the input.
+`cycles.csv` has all of them, also the unstable ones, above which a motion grows. Not covered: two actuators together,
+limits of the plant itself, and cycles slower than the frequencies considered.
 
 Made by `agvjax margins`, seed {config.seed}.
 """

@@ -268,10 +268,10 @@ def report(
     before. The position has no a-priori bound where F is not the delivered yaw rate times the velocity turned (R9).
 
     Raises:
-        ValueError: the belief of a slope is not constant.
+        ValueError: an assumed slope is not constant.
     """
     if any(isinstance(belief, KnownSlopes) for belief in (controller.Pi_hat, controller.Pi_psi_hat)):
-        raise ValueError("the corrected bounds need beliefs Pi_hat and Pi_psi_hat that are numbers, not KnownSlopes")
+        raise ValueError("the corrected bounds need numbers for Pi_hat and Pi_psi_hat, not KnownSlopes")
     controller, scenario = cast((controller, scenario), trajectory.t.dtype)
     s: Signals = jax.tree.map(lambda x: np.asarray(x, float), signals(controller, scenario, trajectory))
     c = jax.tree.map(lambda x: np.asarray(x, float), controller)

@@ -123,7 +123,7 @@ def in_plane(shown: Trajectories) -> Figure:
 def b1(rows: Sequence[Mapping[str, float]], k2: float) -> Figure:
     """`rows` of facts.network: RMSE by channel, and the largest network gain, against b1."""
     figure, ((error, gain),) = panels(1, 2, (7.5, 3.6), "both")
-    for known, style, word in ((False, STYLES[0], "belief 1"), (True, STYLES[1], "known slopes")):
+    for known, style, word in ((False, STYLES[0], "assumed 1"), (True, STYLES[1], "known slopes")):
         chosen = [row for row in rows if row["known_slopes"] == known and row["b1"] is not None]
         x = [row["b1"] for row in chosen]
         gain.loglog(x, [row["gain_position"] for row in chosen], marker="o", ms=3, label=word, **style)

@@ -47,7 +47,7 @@ def network(found: Reproduction) -> str:
     lines = []
     for row in found.network:
         b1 = "no network" if row["b1"] is None else f"{row['b1']:g}"
-        slopes = "known" if row["known_slopes"] else "belief"
+        slopes = "known" if row["known_slopes"] else "assumed"
         errors = [f"{row[f'rmse_{c}']:.5f}" for c in CHANNELS]
         lines.append([b1, slopes, row["gain_position"], row["gain_heading"], *errors])
     return grid(header, lines)
@@ -145,7 +145,7 @@ def markdown(found: Reproduction, command: str) -> str:
     k2 = float(np.asarray(found.law.k2))
     without = sweep[-1]
     change = max(abs(default[f"rmse_{c}"] / without[f"rmse_{c}"] - 1) for c in CHANNELS)
-    return f"""# Does the paper hold? Its tables and figures, rebuilt
+    return f"""# Can the paper be reproduced? Its tables and figures, rebuilt
 
 Maaruf & Mysorewala, *Neuro-adaptive path following control of autonomous ground vehicles with input deadzone*, Discover
 Applied Sciences 6:415 (2024). Made by `{command}`: {config.simulate.horizon:g} s,
@@ -154,10 +154,10 @@ reading was tuned to match a printed number.
 
 {summary(found)}
 
-{tables.RULES} RMSE is over the whole lap by the trapezoid; a channel has settled when it stays within 0.05 (m or
+{tables.RULES} RMSE is over the whole lap by the trapezoidal rule; a channel has settled when it stays within 0.05 (m or
 rad) to the end, and is unsettled when it leaves that band in the last second. Where the paper is silent or contradicts
 itself a reading was chosen (R1 to R18); those that matter are compared below. OSFC, ASMC, DFC and FTSMC are laws
-of the class that the paper names, with gains of our choice, since it gives neither law nor gains.
+of the class that the paper names, with gains of our choice, since it gives neither their equations nor their gains.
 
 ## The paper's figures and tables, in its order
 
@@ -169,7 +169,7 @@ of the class that the paper names, with gains of our choice, since it gives neit
 
 {tables.reasons(found.tables["table1"])}
 
-What the table argues about, cost, measured in one run with the laws interleaved:
+The computational cost, which the table is about, measured in one run with the laws interleaved:
 
 {cost(found)}
 
@@ -181,7 +181,7 @@ What the table argues about, cost, measured in one run with the laws interleaved
 
 {tables.reasons(found.tables["table2"])}
 
-The longest horizon over which our RMSE is the printed one, beside when each law settles here:
+The longest horizon over which our RMSE equals the printed one, and when each law settles here:
 
 {horizons(found)}
 
@@ -189,12 +189,12 @@ Without the deadzone the laws that the paper calls unprepared for it give:
 
 {tables.markdown(tables.table(found.judged, {}, ("dfc without deadzone", "ftsmc without deadzone")))}
 
-## What decides
+## What matters
 
 ### (a) The missing b1 decides whether the controller is neural
 
 The paper does not print b1 and b2. At 1, our default, the network's gain is at most
-{default["gain_position"]:.3g} beside k2 = {k2:g}; taking the network away changes no RMSE
+{default["gain_position"]:.3g}, against k2 = {k2:g}; removing the network changes no RMSE
 by more than {change:.2%}.
 
 {network(found)}
@@ -203,7 +203,7 @@ by more than {change:.2%}.
 
 ### (b) The ranking is mostly one of gains
 
-Every law at gains for the same closed-loop bandwidth p: in which channels it beats the proposed law.
+Every law with gains for the same closed-loop bandwidth p: the channels in which it beats the proposed law.
 
 {bandwidth(found)}
 
@@ -224,7 +224,7 @@ Largest derivative of a command in xi1 along the run: {found.lyapunov.sensitivit
 
 {image("lyapunov")}
 
-The corrected bounds, their proof and what they are conditional on are in `tuning/studies/paper/bounds.py` (R14).
+The corrected bounds, their proof and their conditions are in `tuning/studies/paper/bounds.py` (R14).
 
 {constants(found)}
 
@@ -246,14 +246,14 @@ Held until it differs by 10 % and 0.1; RMSE against the continuous law: {relativ
 
 {event(found)}
 
-The shortest interval is looked for at ever finer steps; where it goes on shrinking with the step it is the grid's
-and not the law's.
+The shortest interval is determined at ever finer steps; if it keeps shrinking with the step, it is that of the grid
+and not of the law.
 
 {image("event")}
 
 ### Fractional-order integral
 
-Order 0.8 in place of 1; RMSE against the paper's law: {relative(found, "fractional")}.
+Order 0.8 instead of 1; RMSE against the paper's law: {relative(found, "fractional")}.
 
 {image("fractional")}
 

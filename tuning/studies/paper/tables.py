@@ -21,8 +21,8 @@ SAME = 0.05  # a figure counts as reproduced within this share of the printed on
 APART = 0.01  # two figures stand in an order if they differ by more than this share
 
 RULES = (
-    f"**Reproduced**: within {SAME:.0%} of the print, or unsettled in both. **Ordering**: not that, but against"
-    f" every other controller of the table the figure stands as in the print, apart by more than {APART:.0%}."
+    f"**Reproduced**: within {SAME:.0%} of the print, or unsettled in both. **Ordering**: not that, but ranked against"
+    f" every other controller of the table as in the print, by more than {APART:.0%}."
     " **Not**: neither."
 )
 

@@ -18,6 +18,7 @@ from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...tune.gains import value_of
+from ...tune.meanings import of_gains
 from ..captions import caption, image
 from .remedies import LABELS
 from .study import Judged, Study
@@ -104,15 +105,15 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
     config, metric = study.config, metric_of(study.config)
     sizes, sensor = config.ensemble, study.sensor(True)
     limits = grid(
-        ["counted", "mean", "worst", "worst tenth"],
+        ["limit", "mean", "worst", "worst tenth"],
         [[name, limit.mean, limit.worst, limit.cvar] for name, limit in config.tune.limits.items()],
     )
     gains = grid(
-        ["remedy", "gain", "own", "tuned"],
+        ["remedy", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain)]
+            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain), meaning]
             for name, one in judged.items()
-            for gain in one.found.gains
+            for gain, meaning in of_gains(one.remedy.law, one.found.gains).items()
         ],
     )
     left = "\n".join(f"* {LABELS[name]}: {why}." for name, why in study.remedies.left_out.items()) or "* none"
@@ -120,27 +121,27 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
     b1 = study.remedies.mattering_b1
     when = "with that noise" if study.tuned_with_noise else "without noise"
     matters = "" if b1 is None else _matters(b1)
-    return f"""# Which remedy against the deadzone is worth what?
+    return f"""# Which remedy against the deadzone is best?
 
 {" ".join(said)}
 
 {table(made)}
 
-Own gains / tuned, {metric} [10^-3 {METRICS[metric].unit}], on {sizes.validation_size} vehicles that none was tuned on;
-over the runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the
-same tuner on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at
-the remedy's own gains and at the best of {config.tune.screen} gain sets looked at. Noise: {sensor}.
+Own gains / tuned, {metric} [10^-3 {METRICS[metric].unit}], on {sizes.validation_size} validation vehicles; over the
+runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the same tuner
+on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at the remedy's
+own gains and at the best of {config.tune.screen} screened gain sets. Noise: {sensor}.
 
 {image("remedies")}
 
 ## What they are
 {matters}
-"Nothing" is the configured law without a network. "Belief of each vehicle": the vehicle's own slopes and thresholds, as
-an identification without error would give them. Thresholds believed 1.5 and 0.5 times are those, the slopes right: a
-wrong slope is a wrong gain of the loop, which tuning takes back. Of these inverses `width` and `quiet` are tuned with
-the law's gains; `slope` and `threshold` only of the one belief for all. The adaptive inverse runs in a computer; where
-the law is in continuous time its period, {study.period:g} s, is part of what is compared. The observer is another law,
-with gains of its own.
+"Nothing" is the configured law without a network. "Each vehicle's own deadzone": the vehicle's true slopes and
+thresholds, as an identification without error would give them. "Thresholds assumed 1.5 (0.5) times": the true slopes,
+with 1.5 (0.5) times the true thresholds; a wrong slope is only a wrong loop gain, which tuning would correct. `width`
+and `quiet` of these inverses are tuned with the law's gains; `slope` and `threshold` only for the one inverse for all.
+The adaptive inverse runs in a computer; if the law is in continuous time, its period, {study.period:g} s, is part of
+the comparison. The observer is another law, with its own gains.
 
 Left out:
 
@@ -150,9 +151,9 @@ Left out:
 
 {limits}
 
-Limits are multiples of what the configured law delivers and does with its starting gains and without a remedy. Commands
-are counted behind the deadzone, as what the actuators deliver: what an inverse sends is not what its law asks for.
-Beyond them on the vehicles judged:
+Limits are multiples of the values of the configured law with its starting gains and without a remedy. Commands are
+measured behind the deadzone, at the actuator outputs: what an inverse sends is not what its law asks for. Limits
+exceeded on the validation vehicles:
 
 {over}
 

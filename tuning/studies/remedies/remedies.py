@@ -25,16 +25,16 @@ LABELS = {
     "network_tuned": "network, b1 tuned",
     "known_slopes": "slopes known, of each vehicle",
     "observer": "extended-state observer (OSFC)",
-    "nominal": "inverse, nominal belief",
-    "fitted": "inverse, one belief tuned for all",
-    "identified": "inverse, belief of each vehicle",
-    "too_large": "inverse, thresholds believed 1.5 times",
-    "too_small": "inverse, thresholds believed 0.5 times",
-    "adaptive": "adaptive inverse, begins nominal",
+    "nominal": "inverse, nominal deadzone",
+    "fitted": "inverse, one for all, tuned",
+    "identified": "inverse, each vehicle's own deadzone",
+    "too_large": "inverse, thresholds assumed 1.5 times",
+    "too_small": "inverse, thresholds assumed 0.5 times",
+    "adaptive": "adaptive inverse, starts nominal",
 }
 WRONG = {"too_large": 1.5, "too_small": 0.5}  # times each vehicle's own thresholds
-PERIOD = 0.01  # s, of the computer that an adaptive inverse needs where the law is in continuous time
-FIXED = ("compensation.slope", "compensation.threshold")  # tuned, they would take a wrong belief back
+PERIOD = 0.01  # s, of the computer that an adaptive inverse needs if the law is in continuous time
+FIXED = ("compensation.slope", "compensation.threshold")  # tuned, they would correct a wrong assumption
 QUIET = 2.0  # dead-band of an adaptive inverse, in standard deviations of the velocity's noise
 
 
@@ -161,7 +161,7 @@ def _slopes(config: Config, law: Any) -> Remedy:
 
 
 def _inverses(config: Config, law: agvjax.Law) -> dict[str, Remedy]:
-    """One law; those that differ in what is believed alone differ in data alone, and share what is compiled."""
+    """One law; those that differ only in the assumed deadzone differ only in data, and share the compiled program."""
     zones, found = deadzones(config), {}
     made = _compensated(config, law, agvjax.Inverse(believed=zones))
     own = _own(config, made)
@@ -172,7 +172,7 @@ def _inverses(config: Config, law: agvjax.Law) -> dict[str, Remedy]:
 
 
 def truths(zones: Mapping[str, agvjax.Deadzone], factor: float = 1.0, nominal: bool = False) -> dict[str, Known]:
-    """An inverse's beliefs: each vehicle's own deadzone or the nominal one, thresholds times `factor`."""
+    """The deadzone that an inverse assumes: each vehicle's own or the nominal one, thresholds times `factor`."""
     known = {}
     for name, zone in zones.items():
         for part, value in agvjax.leaves(zone).items():

@@ -20,16 +20,16 @@ def faults(config: Config) -> list[Fault]:
     """Nothing to be remedied, remedies in place already, or settings that are not the same for all."""
     law, given, found = core(config), config.controller, []
     if not deadzones(config):
-        rule = "a deadzone (slopes and thresholds) of at least one actuator: there is nothing to be remedied"
+        rule = "a deadzone (slopes and thresholds) of at least one actuator: there is nothing to compensate"
         found.append(Fault("scenario.deadzone", ", ".join(config.scenario.deadzone) or "none", rule))
     if isinstance(given, agvjax.Sampled) and not isinstance(given.compensation, agvjax.NoCompensation):
-        rule = "none: each remedy brings its own"
+        rule = "none: each remedy sets its own"
         found.append(Fault("controller.compensation", type(given.compensation).__name__, rule))
     elif isinstance(given, agvjax.Wrapping) and not isinstance(given, agvjax.Sampled):
         rule = "a law by itself, or in a computer (sampled): remedies are put around it"
         found.append(Fault("controller", type(given).__name__, rule))
     if isinstance(law, agvjax.Backstepping) and isinstance(law.Pi_hat, agvjax.readings.KnownSlopes):
-        rule = "a number: to know the slopes is one of the remedies"
+        rule = "a number: known slopes are one of the remedies"
         found.append(Fault("controller.Pi_hat", "known slopes", rule))
     return found or _settings(config)
 
@@ -47,7 +47,7 @@ def _settings(config: Config) -> list[Fault]:
         found.append(Fault("tune.search.rounds", tune.search.rounds, "0: here no worst scenario is searched for"))
     for name, limit in tune.limits.items():
         if limit.absolute and name in AT_ACTUATORS:
-            rule = f"a multiple, not absolute: it is counted at the actuators, as {AT_ACTUATORS[name]}"
+            rule = f"a multiple, not absolute: it is measured at the actuators, as {AT_ACTUATORS[name]}"
             found.append(Fault(f"tune.limits.{name}", "absolute", rule))
     if not isinstance(config.controller, agvjax.Sampled):
         steps = period_of(config) / config.simulate.dt

@@ -57,7 +57,7 @@ class Study:
 
     @property
     def period(self) -> float:
-        """Period [s] of the computer that adapts beliefs."""
+        """Period [s] of the computer of the adaptive inverse."""
         given = self.config.controller
         return float(given.period) if isinstance(given, agvjax.Sampled) else period_of(self.config)
 
@@ -134,7 +134,7 @@ class Study:
         return Judged(remedy, found, over, before, after, float(np.max(levels)))
 
     def mistaken(self, identified: Judged) -> dict[str, agvjax.Metrics]:
-        """The inverse that was tuned with each vehicle's own belief, its thresholds then believed wrong; no noise."""
+        """The inverse tuned with each vehicle's own deadzone, then run with wrong thresholds; no noise."""
         zones = deadzones(self.config)
         return {
             name: self.judge(identified.found.controller, truths(zones, factor))[0] for name, factor in WRONG.items()
@@ -158,5 +158,5 @@ def compare(study: Study, done: Callable[[str], None]) -> tuple[dict[str, Judged
     with ThreadPoolExecutor(WORKERS) as pool:
         judged = dict(pool.map(one, study.remedies.found.items()))
     wrong = study.mistaken(judged["identified"]) if "identified" in judged else {}
-    done("mistaken beliefs")
+    done("wrong thresholds")
     return judged, wrong

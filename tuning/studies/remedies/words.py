@@ -83,16 +83,18 @@ def statements(
     by = {row["remedy"]: row for row in made}
     sound = [row for row in made if row["met"] and not row["diverged_after"]]
     if not sound:
-        return ["No remedy keeps the budget without a run that diverges: nothing follows."]
+        return ["Every remedy exceeds the budget or has diverged runs: no conclusion."]
     said = [_best(sound, judged, by, metric)]
     said += _alike(sound, judged, metric)
     if "identified" in judged:
         said += _beliefs(by, wrong, metric)
     said += [_noise(sound, by), *_unfinished(judged, by, metric)]
     if lost := [LABELS[row["remedy"]] for row in made if not row["met"]]:
-        said.append(f"The budget is not met on the vehicles tuned on by: {'; '.join(lost)}.")
+        said.append(f"The budget is exceeded on the tuning vehicles by: {'; '.join(lost)}.")
     if over := [LABELS[row["remedy"]] for row in made if row["over"] and row["met"]]:
-        said.append(f"Met there but not on those judged: {'; '.join(over)}; the report says by how much.")
+        said.append(
+            f"Met there but exceeded on the validation vehicles: {'; '.join(over)}; the report says by how much."
+        )
     counts = [f"{LABELS[r['remedy']]} {r['diverged_after']}, {r['diverged_after_noise']} with noise" for r in made]
     counts = [c for c, r in zip(counts, made, strict=True) if r["diverged_after"] or r["diverged_after_noise"]]
     return [*said, f"Diverged runs after tuning: {'; '.join(counts) or 'none'}."]
@@ -101,25 +103,25 @@ def statements(
 def _best(sound: list[Json], judged: Mapping[str, Judged], by: Mapping[str, Json], metric: str) -> str:
     first, nothing = sound[0], by["nothing"]
     if first is nothing:
-        return "Within the budget no remedy is better on average than none that is tuned as well."
+        return "Within the budget no remedy has a smaller mean error than the law without one, tuned too."
     gap = difference(judged[first["remedy"]].after[0], judged["nothing"].after[0], metric)
     ratio = first["mean_after"] / nothing["mean_after"]
     text = (
-        f"Within the budget the smallest mean error is that of: {LABELS[first['remedy']]}, {ratio:.2f} times that"
-        f" of none (tuned as well); it is smaller on {gap.better:.0%} of the vehicles, its worst is"
-        f" {first['worst_after'] / nothing['worst_after']:.2f} times."
+        f"Smallest mean error within the budget: {LABELS[first['remedy']]}, {ratio:.2f} times that"
+        f" without a remedy (also tuned); the error is smaller on {gap.better:.0%} of the vehicles, the worst is"
+        f" {first['worst_after'] / nothing['worst_after']:.2f} times that without a remedy."
     )
     text += (
-        f" On these vehicles it uses up to {first['use']:.2f} times a limit, none {nothing['use']:.2f}: a lead that is"
-        " smaller than what it uses more may be bought."
+        f" On these vehicles it uses up to {first['use']:.2f} times a limit, no remedy {nothing['use']:.2f}: an"
+        " advantage smaller than the extra use may come from that alone."
     )
-    return text if gap.sure else f"{text} The mean difference is within {SURE:g} standard errors: it may be chance."
+    return text if gap.sure else f"{text} The mean difference is within {SURE:g} standard errors and may be chance."
 
 
 def _alike(sound: list[Json], judged: Mapping[str, Judged], metric: str) -> list[str]:
     """Which of the others cannot be told from the best, and which not from nothing."""
     said, best = [], sound[0]["remedy"]
-    for target, words in ((best, "the best"), ("nothing", "none")):
+    for target, words in ((best, "the best"), ("nothing", "no remedy")):
         alike = [
             LABELS[row["remedy"]]
             for row in sound
@@ -127,35 +129,35 @@ def _alike(sound: list[Json], judged: Mapping[str, Judged], metric: str) -> list
             and not difference(judged[row["remedy"]].after[0], judged[target].after[0], metric).sure
         ]
         if alike and (target != best or best != "nothing"):
-            said.append(f"Not told from {words} by {SURE:g} standard errors: {'; '.join(alike)}.")
+            said.append(f"Within {SURE:g} standard errors of {words}: {'; '.join(alike)}.")
     nothing = judged["nothing"].after[0]
     worse = [
         f"{LABELS[row['remedy']]} {row['mean_after'] / float(np.mean(np.asarray(nothing[metric])[nothing.ok])):.3f}"
         for row in sound
         if (gap := difference(judged[row["remedy"]].after[0], nothing, metric)).sure and gap.mean < 0
     ]
-    return [*said, *([f"Worse than none, times its mean error: {'; '.join(worse)}."] if worse else [])]
+    return [*said, *([f"Worse than no remedy (ratio of mean errors): {'; '.join(worse)}."] if worse else [])]
 
 
 def _beliefs(by: Mapping[str, Json], wrong: Mapping[str, agvjax.Metrics], metric: str) -> list[str]:
-    """What it costs to believe wrongly, tuned with the wrong belief, and mistaken after tuning with the right one."""
+    """What a wrong assumption costs, when tuned with it, and when it replaces the right one after tuning."""
     right, said = by["identified"]["mean_after"], []
     names = [name for name in ("nominal", "fitted", "too_large", "too_small", "adaptive") if name in by]
     ratios = "; ".join(f"{LABELS[n]} {by[n]['mean_after'] / right:.2f}" for n in names)
-    said.append(f"Beside an inverse that knows each vehicle, by the mean error, each tuned as it is: {ratios}.")
+    said.append(f"Mean error relative to the inverse of each vehicle's own deadzone, each tuned: {ratios}.")
     parts = []
     for name, metrics in wrong.items():
         ok = np.asarray(metrics.ok)
         mean = float(np.mean(np.asarray(metrics[metric])[ok])) if ok.any() else np.inf
         lost = f", {int(np.sum(~ok))} diverge" if not ok.all() else ""
-        parts.append(f"{'1.5' if name == 'too_large' else '0.5'} times {mean / right:.2f}{lost}")
+        parts.append(f"{'1.5' if name == 'too_large' else '0.5'} times the true ones {mean / right:.2f}{lost}")
     if parts:
-        said.append(f"Tuned with the right belief, thresholds then believed: {'; '.join(parts)} times its error.")
+        said.append(f"Tuned with the true thresholds, then run with wrong ones: {'; '.join(parts)} times its error.")
     return said
 
 
 def _unfinished(judged: Mapping[str, Judged], by: Mapping[str, Json], metric: str) -> list[str]:
-    """What shows that searches were too short, or the vehicles tuned on too few."""
+    """Signs that the searches were too short, or the tuning vehicles too few."""
     said = [
         f"{LABELS[row['remedy']]} is worse than with its own gains, {row['mean_after'] / row['mean_before']:.2f} times"
         for row in by.values()
@@ -165,10 +167,8 @@ def _unfinished(judged: Mapping[str, Judged], by: Mapping[str, Json], metric: st
         gap = difference(judged["fitted"].after[0], judged["nominal"].after[0], metric)
         if gap.sure and gap.mean < 0:
             ratio = by["fitted"]["mean_after"] / by["nominal"]["mean_after"]
-            said.append(
-                f"{LABELS['fitted']} could be that of {LABELS['nominal']}, and ended at {ratio:.2f} times its error"
-            )
-    why = "more tune.iterations or a larger ensemble.size are needed before small differences mean anything."
+            said.append(f"{LABELS['fitted']} includes {LABELS['nominal']}, yet ended at {ratio:.2f} times its error")
+    why = "small differences mean nothing without more tune.iterations or a larger ensemble.size."
     return [f"{'; '.join(said)}: {why}"] if said else []
 
 
@@ -179,7 +179,7 @@ def _noise(sound: list[Json], by: Mapping[str, Json]) -> str:
     most = max(kept, key=lambda row: row["reversals_after_noise"])
     ratio = first["mean_after_noise"] / by["nothing"]["mean_after_noise"]
     return (
-        f"With noise the smallest mean error is that of: {LABELS[first['remedy']]}, {ratio:.2f} times that of none;"
-        f" most reversals has: {LABELS[most['remedy']]}, {most['reversals_after_noise']:.0f} a run, none has"
-        f" {by['nothing']['reversals_after_noise']:.0f}."
+        f"Smallest mean error with noise: {LABELS[first['remedy']]}, {ratio:.2f} times that without a remedy;"
+        f" most reversals: {LABELS[most['remedy']]}, {most['reversals_after_noise']:.0f} per run, against"
+        f" {by['nothing']['reversals_after_noise']:.0f} without a remedy."
     )

@@ -1,1 +1,1 @@
-"""How fast may it go, and where on the route does that bind?"""
+"""How fast can it go, and which place on the route limits it?"""

@@ -42,7 +42,7 @@ def curve(tried: list[Tried], found: Answer, config: Config) -> Figure:
         off.plot(t.speed, 1e3 * plot.shown(t.worst), "o", ms=6, mfc=face, mec="tab:blue", zorder=3)
     bound = tolerance(config)
     if bound is not None:
-        off.axhline(1e3 * bound, color="tab:red", lw=1, label=f"asked: {1e3 * bound:g} mm")
+        off.axhline(1e3 * bound, color="tab:red", lw=1, label=f"limit: {1e3 * bound:g} mm")
         low, high = off.get_ylim()
         tuned = [1e3 * t.worst for t in tried if np.isfinite(t.worst)]
         off.set_ylim(0, min(high, 2.5 * max([*tuned, 1e3 * bound])))

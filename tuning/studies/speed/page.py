@@ -10,16 +10,17 @@ import agvjax
 
 from ...config import dump
 from ...io import files
-from ...io.pages import grid, picture, publish
+from ...io.pages import grid, meanings, picture, publish
 from ...io.pictures import Drawing, write_figures
+from ...tune.meanings import of_gains
 from . import figures
 from .place import Place, place
 from .study import Study, at
 from .tried import Answer, Tried, answer
 
 FASTEST = "fastest.toml"
-CURVE = "Largest distance to the route of the worst unseen vehicle over the speed that is asked for, tuned and not."
-PLACE = "Where on the route the worst vehicle is farthest off."
+CURVE = "Largest distance to the route of the worst unseen vehicle over the reference speed: tuned, configured gains."
+PLACE = "Where on the route the worst vehicle is farthest from it."
 
 
 class Told(NamedTuple):
@@ -39,7 +40,7 @@ def sentences(tried: list[Tried], found: Answer, within: float, size: int) -> li
     best, above = found
     if best is None:
         slow = tried[0]
-        return [f"At no speed that was tried all of {size} unseen vehicles stay {asked(within)}. {_why(slow, within)}"]
+        return [f"At no speed tried do all {size} unseen vehicles stay {asked(within)}. {_why(slow, within)}"]
     first = (
         f"Up to {best.speed:.3g} m/s ({best.factor:.3g} times the configured speed, lateral acceleration of the profile"
         f" {best.lateral:.3g} m/s^2) each of {size} unseen vehicles stays {asked(within)}: {1e3 * best.worst:.1f} mm at"
@@ -47,21 +48,21 @@ def sentences(tried: list[Tried], found: Answer, within: float, size: int) -> li
     )
     said = [first]
     if above is None:
-        said.append("That is the highest speed tried: it may go faster, speed.high says how fast to try.")
+        said.append("That is the highest speed tried: it may go faster; speed.high sets how fast to try.")
     else:
         said.append(_why(above, within))
     lost = [t for t in tried if t.factor < best.factor and not t.holds(within)]
     if lost:
         slower = ", ".join(f"{t.speed:.3g}" for t in lost)
-        said.append(f"It is not so at every lower speed: at {slower} m/s it does not hold. Look at the curve.")
+        said.append(f"Not every lower speed holds: {slower} m/s does not. Look at the curve.")
     if best.short:
-        rule = "where it would bind further on is not known (simulate.horizon, or a vehicle that stands)"
-        said.append(f"{best.short} of the {size} vehicles do not see the whole route at that speed: {rule}.")
+        rule = "the rest of the route is untested (simulate.horizon is too short, or a vehicle stands still)"
+        said.append(f"{best.short} of the {size} vehicles do not drive the whole route at that speed: {rule}.")
     quicker = [t for t in tried if t.factor < best.factor and t.driven >= 0.99 * best.driven and t.holds(within)]
     if quicker:
         least = quicker[0]
-        rule = "law or vehicle hold it back"
-        said.append(f"Asking for more than {least.speed:.3g} m/s hardly makes it drive faster: {rule}.")
+        rule = "the law or the vehicle limits it"
+        said.append(f"A reference above {least.speed:.3g} m/s hardly makes it drive faster: {rule}.")
     return said
 
 
@@ -72,10 +73,10 @@ def _why(tried: Tried, within: float) -> str:
         return f"{begun} nothing could be tuned: {tried.why}."
     if tried.diverged:
         return f"{begun} {tried.diverged} diverge."
-    far = f"{begun} the worst lies {1e3 * tried.worst:.1f} mm off"
+    far = f"{begun} the worst vehicle is {1e3 * tried.worst:.1f} mm off"
     if not within:
         far += f", {1e3 * tried.outside:.1f} mm beyond the corridor"
-    return f"{far}, and limits cannot be met." if tried.excess else f"{far}."
+    return f"{far}, and the limits are not met." if tried.excess else f"{far}."
 
 
 def table(tried: list[Tried], within: float) -> str:
@@ -107,7 +108,7 @@ def write(study: Study, tried: list[Tried], out: Path) -> Told:
         drawings["place"] = lambda: figures.places(places, config)
     lost = write_figures(out, drawings)
     said = sentences(tried, found, within, config.ensemble.validation_size)
-    said += [f"At {p.tried.speed:.3g} m/s it binds {p.words}." for p in places]
+    said += [f"At {p.tried.speed:.3g} m/s the largest distance is {p.words}." for p in places]
     text = _page(study, tried, said, places)
     publish(out, text, ("Every speed that was tried", "The gains"))
     return Told("\n".join([*said, *lost]), "" if found.best is not None else said[0])
@@ -124,15 +125,15 @@ def _page(study: Study, tried: list[Tried], said: list[str], places: list[Place]
     run = ""
     if answer(tried, within).best is not None:
         run = f"\nThe fastest that holds is `{FASTEST}`: `agvjax simulate --config {FASTEST}`, in this folder.\n"
-    return f"""# How fast may it go?
+    return f"""# How fast can it go?
 
 **{said[0]}**
 
 {lines}
 {run}
 {type(law).__name__} on {type(config.scenario.plant).__name__}, runs of {config.simulate.horizon:g} s. Distances are the
-largest of a run to the nearest point of the route, of {unseen} vehicles that were not tuned on. They count when the
-start is over: after {config.speed.after:g} s at the configured speed, and after as much way at any other.
+largest of a run to the nearest point of the route, for {unseen} vehicles not used for tuning. They count after the
+start-up phase: from {config.speed.after:g} s at the configured speed, and from the same distance at any other.
 
 {picture("speed.png", CURVE)}
 
@@ -141,21 +142,22 @@ start is over: after {config.speed.after:g} s at the configured speed, and after
 
 {table(tried, within)}
 
-"Times" multiplies the speed of the route, and its square the lateral acceleration that the route's limits allow; what
-they say of speeding up and slowing down stays. At every speed the {len(names)} gains are tuned anew on
-{config.ensemble.size} vehicles, from the best of {config.tune.screen} gain sets looked at and from the gains of the
-nearest speed tried before, for the goal of the configuration. Its limits ({limits}) are multiples of what the
-configured gains do **at that same speed**: a gain set may not buy its accuracy by driving slower than they would there.
-"Driven" is the mean speed along the route, which may be less than what is asked for: laws slow down in turns, and
-vehicles speed up no faster than they can. A speed holds where every vehicle does what was asked and the limits are met
-on the vehicles tuned on.
+"Times" is the factor on the route's speed; its square is the factor on the lateral acceleration that the route allows.
+Limits on longitudinal acceleration stay. At every speed the {len(names)} gains are tuned anew on {config.ensemble.size}
+vehicles, from the best of {config.tune.screen} screened gain sets and from the gains of the nearest speed tried before,
+for the goal of the configuration. Its limits ({limits}) are multiples of the values of the configured gains **at that
+same speed**: a gain set cannot gain accuracy by driving slower than they would there. "Driven" is the mean speed along
+the route, which may be lower than the reference: laws slow down in turns, and the vehicle's acceleration is limited. A
+speed holds if every validation vehicle stays {asked(within)} and the limits are met on the tuning vehicles.
 
-The search goes over {config.speed.points} speeds from {config.speed.low:g} to {config.speed.high:g} times, then halves
-the gap above the highest that holds up to {config.speed.halvings} times. Between the speeds tried nothing is known.
+The search covers {config.speed.points} speeds from {config.speed.low:g} to {config.speed.high:g} times, then halves the
+gap above the highest that holds up to {config.speed.halvings} times. Between the speeds tried nothing is known.
 
 ## The gains
 
 {gains}
+
+{meanings(of_gains(config.controller, names))}
 
 Made by `agvjax speed`, seed {config.seed}.
 """

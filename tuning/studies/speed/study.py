@@ -127,7 +127,7 @@ class Study:
             problem = self.problem(factor)
             problem, found, iterations = _tuned(problem, near)
             if np.isinf(found.best[1]):
-                raise RuntimeError("no gradient was of use")
+                raise RuntimeError("no gradient was usable")
         except jax.errors.JaxRuntimeError:
             raise
         except RuntimeError as error:
@@ -228,7 +228,7 @@ def _tuned(problem: TuningProblem, near: Tried | None) -> tuple[TuningProblem, P
             progress = tuner.advance(progress)
         done.append(progress)
     best, iterations = min(done, key=lambda p: p.best), sum(p.iteration for p in done)
-    if seen is not None and np.isinf(best.best[1]):  # no gradient was of use
+    if seen is not None and np.isinf(best.best[1]):  # no gradient was usable
         excess, goal = (float(x) for x in seen.ranks[0])
         best = best._replace(best_z=jnp.asarray(seen.places[0]), best=(excess, goal))
     return problem, best, iterations

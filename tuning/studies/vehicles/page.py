@@ -75,7 +75,7 @@ def page(study: Study) -> str:
         if study.robot
         else "Not run."
     )
-    return f"""# Does the law survive a real vehicle?
+    return f"""# Does the law work on a realistic vehicle?
 {missing}
 ## A vehicle that rolls, the paper's gains
 
@@ -83,8 +83,8 @@ def page(study: Study) -> str:
 
 The first command asks for {study.peaks["virtual"]:.0f} m/s^2 in the plane, in the body for {peak:.0f} m/s^2 and
 {study.peaks["yaw_acceleration"]:.0f} rad/s^2: {peak / G:.0f} g, beyond any vehicle. With 20 ms of delay
-{study.lost} of {study.starts} starts within 0.5 m are lost. The heading is internal: it follows from how the reference
-point moves and is not scored against the bearing. delta_psi adds to its rate, as a drift that turns body and velocity.
+{study.lost} of {study.starts} starts within 0.5 m diverge. The heading is internal: it follows from the motion of the
+reference point and is not scored against the bearing. delta_psi adds to its rate, a drift that turns body and velocity.
 
 {picture("paper.png", CAPTIONS["paper"])}
 
@@ -92,8 +92,8 @@ point moves and is not scored against the bearing. delta_psi adds to its rate, a
 
 {_limited(study)}
 
-Anti-windup bounds the correction asked of the virtual control, takes back from the command filter what could not be
-applied, and stops the integral meanwhile.
+Anti-windup bounds the correction velocity of the virtual control, subtracts from the command filter what could not be
+applied, and freezes the integral meanwhile.
 
 {picture("limits.png", CAPTIONS["limits"])}
 
@@ -102,8 +102,8 @@ applied, and stops the integral meanwhile.
 {_car(study)}
 
 Largest distance of the front axle after {CAR_LATE:g} s, over {CAR_STARTS} starts within 0.5 m with deadzones drawn
-within 30 % that the tuning did not see. Centre of gravity and rear axle cut the corner: that is how far they are off
-the path. "Limited" is the largest share of a run in which an actuator or the law itself was at its limit.
+within 30 %, not used for tuning. Centre of gravity and rear axle cut corners; their distances to the path are those
+columns. "Limited" is the largest share of a run in which an actuator or the law itself was at its limit.
 
 {picture("car.png", CAPTIONS["car"])}
 
@@ -111,8 +111,8 @@ the path. "Limited" is the largest share of a run in which an actuator or the la
 
 {robot}
 
-With measurement noise of 2 mm and 4 mm/s, 50 Hz, 20 ms late; RMSE, torque and its variation over 12 s on paths that
-were not tuned on. "Paper's gains" have the anti-windup of the tuned ones; "as it is" is the sampled law without.
+With measurement noise of 2 mm and 4 mm/s, 50 Hz, 20 ms late; RMSE, torque and its variation over 12 s on paths
+not used for tuning. "Paper's gains" have the anti-windup of the tuned ones; "as it is" is the sampled law without.
 """
 
 

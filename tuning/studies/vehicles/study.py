@@ -1,4 +1,4 @@
-"""What is left of the controller on vehicles one can meet: every figure of `agvjax vehicles`."""
+"""The controller on realistic vehicle models: every figure of `agvjax vehicles`."""
 
 from __future__ import annotations
 

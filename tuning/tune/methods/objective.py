@@ -141,7 +141,7 @@ class Objective(NamedTuple):
         kept = np.asarray(ok)
         if not kept.any():
             raise RuntimeError(
-                f"every one of the {kept.size} runs diverges with the starting gains: nothing to tune from"
+                f"every one of the {kept.size} runs diverges with the starting gains: there is nothing to tune from"
             )
         sound = self._replace(weights=self.shares(kept.size)[kept])
         found = np.asarray(sound.statistics(jnp.asarray(values)[:, kept]))
@@ -149,8 +149,8 @@ class Objective(NamedTuple):
             value = requirement.sign * found[place]
             if not requirement.absolute and not value > 0:
                 raise RuntimeError(
-                    f"{requirement.name} is {value:g} with the starting gains and cannot be their"
-                    " multiple: choose another goal, or an absolute limit"
+                    f"{requirement.name} is {value:g} with the starting gains, and nothing is a"
+                    " multiple of that: choose another goal, or an absolute limit"
                 )
         return found
 

@@ -66,8 +66,8 @@ def test_rows_and_words_are_those_of_numbers_known_by_hand():
     assert (first["mean_total_chatter_after"], first["mean_pace_after"]) == pytest.approx((10.0, 1.5))
     assert lines[2]["diverged_after"] == 1 and lines[2]["worst_cross_track_late_after"] == pytest.approx(0.04)
     said = " ".join(statements(lines, SHOWN))
-    assert "Nearest to the route on average: PID, 20.0 mm." in said and "Stanley 1.50" in said
-    assert "PID, on vehicles not tuned on: mean total_chatter is 17, 0.30% above its limit 16.95." in said
+    assert "Smallest mean distance to the route: PID, 20.0 mm." in said and "Stanley 1.50" in said
+    assert "PID, on validation vehicles: mean total_chatter is 17, 0.30% above its limit 16.95." in said
     assert "Limits not met by: LQR." in said and "Diverged runs after tuning: regulated pure pursuit 1." in said
     assert "| PID | 2 | 200.0 / 20.0 | 300.0 / 30.0 | 600.0 / 60.0 | 1.5 / 1.5 | 10 / 10 | 0 / 0 | 400 | 40 |" in table(
         lines, SHOWN
@@ -75,7 +75,7 @@ def test_rows_and_words_are_those_of_numbers_known_by_hand():
 
 
 def test_where_no_law_keeps_the_limits_that_is_said():
-    assert statements(rows({"stanley": made([0.1, 0.2], excess=1.0)}, SHOWN), SHOWN) == ["No law keeps the limits."]
+    assert statements(rows({"stanley": made([0.1, 0.2], excess=1.0)}, SHOWN), SHOWN) == ["No law meets the limits."]
 
 
 SMALL = """

@@ -153,7 +153,7 @@ def test_statements_are_what_the_rows_say():
     np.testing.assert_allclose([row["use_mean"] for row in rows], 0.5)
     better, worse, alike, used, diverged = page.statements(rows)
     assert "the laws use 0.50 to 0.50 times its mean, the proposed law 0.50" in used
-    assert better.endswith("better in mean RMSE: OSFC.") and worse.endswith("worse in mean RMSE: DFC.")
+    assert better.endswith("smaller mean RMSE: OSFC.") and worse.endswith("larger mean RMSE: DFC.")
     assert alike.endswith("fractional integral.")
     assert diverged.endswith("none.")
     assert "| OSFC | 0.0800 | **0.800** |" in page.markdown(rows)

@@ -184,15 +184,20 @@ def test_the_conclusion_is_that_of_numbers_known_by_hand():
     assert [row["remedy"] for row in lines] == ["too_small", "identified", "nominal", "nothing", "too_large"]
     assert (lines[1]["variation_after"], lines[1]["reversals_after"]) == (8.0, 6.0)
     said = " ".join(words.statements(lines, judged, wrong, "cross_track_late"))
-    first = f"smallest mean error is that of: {LABELS['identified']}, 0.50 times that of none (tuned as well)"
-    assert "it uses up to 1.21 times a limit, none 1.00" in said
-    assert first in said and "smaller on 100% of the vehicles, its worst is 0.50 times" in said
-    assert f"Not told from none by 2 standard errors: {LABELS['nominal']}." in said
-    assert f"Worse than none, times its mean error: {LABELS['too_large']} 1.923." in said
-    assert "thresholds then believed: 1.5 times 2.00; 0.5 times 1.00, 1 diverge times its error." in said
-    assert f"With noise the smallest mean error is that of: {LABELS['nominal']}, 1.00 times that of none" in said
-    assert f"not met on the vehicles tuned on by: {LABELS['too_small']}." in said
-    assert f"not on those judged: {LABELS['too_large']}" in said and "Diverged runs after tuning: none." in said
+    first = (
+        f"Smallest mean error within the budget: {LABELS['identified']}, 0.50 times that without a remedy (also tuned)"
+    )
+    assert "it uses up to 1.21 times a limit, no remedy 1.00" in said
+    assert first in said and "smaller on 100% of the vehicles, the worst is 0.50 times" in said
+    assert f"Within 2 standard errors of no remedy: {LABELS['nominal']}." in said
+    assert f"Worse than no remedy (ratio of mean errors): {LABELS['too_large']} 1.923." in said
+    assert "wrong ones: 1.5 times the true ones 2.00; 0.5 times the true ones 1.00, 1 diverge times its error." in said
+    assert f"Smallest mean error with noise: {LABELS['nominal']}, 1.00 times that without a remedy" in said
+    assert f"exceeded on the tuning vehicles by: {LABELS['too_small']}." in said
+    assert (
+        f"but exceeded on the validation vehicles: {LABELS['too_large']}" in said
+        and "Diverged runs after tuning: none." in said
+    )
 
 
 def test_searches_that_were_too_short_are_said():
@@ -203,8 +208,8 @@ def test_searches_that_were_too_short_are_said():
         "too_large": made([0.19, 0.21] * 2),
     }
     said = " ".join(words.statements(words.rows(judged, "cross_track_late"), judged, {}, "cross_track_late"))
-    assert f"{LABELS['too_large']} is worse than with its own gains, 2.00 times; {LABELS['fitted']} could be" in said
-    assert "ended at 2.00 times its error: more tune.iterations" in said
+    assert f"{LABELS['too_large']} is worse than with its own gains, 2.00 times; {LABELS['fitted']} includes" in said
+    assert "ended at 2.00 times its error: small differences mean nothing" in said
 
 
 def test_a_difference_is_told_from_chance_by_its_standard_error():
@@ -215,7 +220,7 @@ def test_a_difference_is_told_from_chance_by_its_standard_error():
 def test_where_nothing_keeps_the_budget_that_is_said():
     judged = {"nothing": made([0.1] * 4, excess=1.0)}
     said = words.statements(words.rows(judged, "cross_track_late"), judged, {}, "cross_track_late")
-    assert said == ["No remedy keeps the budget without a run that diverges: nothing follows."]
+    assert said == ["Every remedy exceeds the budget or has diverged runs: no conclusion."]
 
 
 def test_the_page_has_one_table_one_figure_and_the_numbers(base, tmp_path):
