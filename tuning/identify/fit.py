@@ -20,7 +20,7 @@ from .log import POSE, Log
 from .misread import misread
 from .model import Model, Says, Sums, compiled
 from .parameters import OMEGA, SINUSOID, Parameter, sinusoidal
-from .segments import Counts, Segments, noise
+from .segments import Counts, Segments, noise, with_inputs
 
 SETTLED = 2  # steps in which the states of the stretches follow the parameters
 TRIALS, LAST = 40, 25  # evaluations of a search from one start, and of those that refine it
@@ -204,12 +204,12 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
 
 def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np.ndarray) -> None:
     """Raise `InputError` where another reading of the commands explains a log that they do not explain as given."""
-    measurements, names = int((search.segments.weight > 0).sum()), task.model.commands
+    measurements, names = int((search.segments.weight > 0).sum()), task.logs[0].sent.names
     substep = max(log.step for log in task.logs) / task.model.substeps
 
     def fitted(matrix: np.ndarray) -> float:
-        logs = [log._replace(inputs=log.inputs @ matrix.T) for log in task.logs]
-        segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
+        logs = [log._replace(inputs=log.sent.inputs(log.sent.values @ matrix.T)) for log in task.logs]
+        segments = with_inputs(search.segments, logs)
         parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep, task.memory)
         p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
         _, squares = Search(search.function, segments, parameters, states).run(p, free, TRIALS)

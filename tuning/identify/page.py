@@ -16,6 +16,7 @@ from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
 from .excitation import Drive
+from .log import in_files
 from .posterior import posterior
 from .run import Identified
 from .verdict import FitVerdict
@@ -83,7 +84,7 @@ def write_drive(drive: Drive, out: Path) -> str:
 
 def _write_drive(drive: Drive, out: Path) -> list[str]:
     """The same; returns what could not be drawn."""
-    header = ["t", *drive.commands, "expected_x", "expected_y", "expected_heading"]
+    header = ["t", *in_files(drive.commands), "expected_x", "expected_y", "expected_heading"]
     rows = np.column_stack([drive.t, drive.inputs, drive.path, drive.heading]).round(6).tolist()
     files.write_csv(out / "excitation.csv", header, rows)
     return write_figures(out, {"excitation": lambda: figures.drive(drive)})

@@ -32,7 +32,7 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
     """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
 
     def suspect(name: str, looks: str, why: str) -> Fault:
-        column, taken = where[name].column, where[name].unit or "SI"
+        column, taken = where[name].words, where[name].unit or "SI"
         mended = f'{{ column = "{column}", unit = "{looks}" }}'
         rule = f"in the unit it is taken for: {why}; if it is in {looks}, say {mended}"
         return Fault(f"identify.columns.{name}", f"{column} in {taken}", rule)
@@ -65,17 +65,18 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
         faults.append(suspect("heading", "deg", why))
     if reading.words:
         rule = f"along the way that the vehicle goes, forwards or backwards; {reading.words}"
-        faults.append(Fault("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
+        faults.append(Fault("identify.columns.heading", f"{where['heading'].words} of {log.name}", rule))
     return faults or _rates(log, where, rows, suspect)
 
 
 def _wild(log: Log, where: Mapping[str, Column]) -> list[Fault]:
     """Commands so far beyond the usual ones that they stand for something else; measurements like that are outliers."""
     faults = []
-    for name, u in zip(log.commands, np.abs(log.inputs).T, strict=True):
+    for name, given in zip(log.sent.names, log.sent.values.T, strict=True):
+        u = np.abs(given)
         usual = float(np.median(u[u > 0])) if np.any(u > 0) else 0.0
         if u.max() > WILD * usual:
-            at = f"{log.inputs[u.argmax(), log.commands.index(name)]:g} at t = {log.t[u.argmax()]:g} s of {log.name}"
+            at = f"{given[u.argmax()]:g} at t = {log.t[u.argmax()]:g} s of {log.name}"
             rule = f"a command at most {WILD:g} times as large as is usual, {usual:g}; a row without one is left out"
             faults.append(Fault(f"identify.columns.{name}", f"{where[name].column}: {at}", rule))
     return faults

@@ -75,6 +75,13 @@ def widened(segments: Segments, width: int, step: float) -> Segments:
     return segments._replace(**filled)
 
 
+def with_inputs(segments: Segments, logs: Sequence[Log]) -> Segments:
+    """The same stretches with the inputs that their rows have in these logs."""
+    at = zip(segments.rows, segments.log, strict=True)
+    inputs = [np.where((rows >= 0)[:, None], logs[which].inputs[np.maximum(rows, 0)], 0.0) for rows, which in at]
+    return segments._replace(inputs=np.stack(inputs))
+
+
 def thinned(segments: Segments, most: int) -> Segments:
     """At most so many of the stretches, evenly spread."""
     picked = np.unique(np.linspace(0, len(segments.t) - 1, min(most, len(segments.t))).round().astype(int))

@@ -162,11 +162,11 @@ def _estimate(
     half = Z95 * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
-    if not identified and felt * max(abs(value), q.floor, q.width) < FELT:
-        reason = "never excited: with any value the log would look the same"
-    elif words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
-        identified, reason = False, words
+    if words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
+        identified, reason = False, words  # asked first: what ends there is no value, however much it is felt
         drive = drive if ".threshold_" in q.name else CHECKED
+    elif not identified and felt * max(abs(value), q.floor, q.width) < FELT:
+        reason = "never excited: with any value the log would look the same"
     elif not identified and value - q.low < NEAR * (q.high - q.low):
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:

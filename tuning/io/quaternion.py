@@ -1,0 +1,31 @@
+"""The heading of a quaternion, as ROS and Autoware write where a vehicle looks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+UNIT = 0.05  # by which the length of a quaternion may differ from 1, for its digits
+
+
+def heading(parts: np.ndarray) -> np.ndarray:
+    """The angle [rad] from the x axis towards the y axis at which the vehicle's own x axis lies in the plane.
+
+    Args:
+        parts: x, y, z, w of N quaternions (N, 4), or z and w alone (N, 2) of what only turns in the plane.
+
+    Returns:
+        Angles (N,) within half a turn; NaN where a part is.
+
+    Raises:
+        ValueError: the numbers are no quaternions, whose squares add up to 1; it says the row, counted from 0.
+    """
+    x, y, z, w = parts.T if parts.shape[1] == 4 else (0.0, 0.0, *parts.T)
+    length = np.sqrt(np.sum(parts**2, axis=1))
+    wrong = np.abs(length - 1) > UNIT
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        more = "" if parts.shape[1] == 4 else ", or all four of them where the vehicle tilts"
+        raise ValueError(
+            f"row {at} below the header: the squares of a quaternion add up to 1, here {length[at]:.4g}^2{more}"
+        )
+    return np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
