@@ -20,11 +20,12 @@ from scipy.stats import qmc
 
 import agvjax
 
-from .fit import Search, first_states, information, weighed
+from .fit import Search, information, weighed
 from .log import Log
 from .model import Model, compiled
 from .parameters import Parameter
 from .segments import Segments, cut
+from .states import first_states
 from .verdict import Z95, inverse
 
 SINES = 3  # in speed and in yaw rate

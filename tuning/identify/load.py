@@ -18,7 +18,7 @@ from agvjax.plants.base import Driven
 from ..io import quaternion
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
-from .plausible import implausible
+from .plausible import AS_QUATERNION, implausible
 
 TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
 NONE = Column("")
@@ -63,7 +63,7 @@ def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], ahead: f
         raise agvjax.InputError(faults)
     origin, given = float(values["t"][0]), np.column_stack([values[name] for name in tongue])
     seen = {name: values[name] for name in MEASURED if name in values}
-    into = functools.partial(inputs_of, plant) if tongue == TWIST else np.asarray
+    into = functools.partial(inputs_of, plant) if isinstance(plant, Driven) and tongue == TWIST else np.asarray
     spoken = Sent(tongue, given, into)
     log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken)
     if faults := implausible(log, where, not plant.commands_heading):
@@ -84,12 +84,8 @@ def inputs_of(plant: Driven, twists: np.ndarray) -> np.ndarray:
 
 def kinds(plant: agvjax.Plant) -> dict[str, list[str]]:
     """By quantity of a log the units that its column may have."""
-    own = {
-        name: unit for actuator, unit in plant.units.items() for name in (actuator, f"{actuator}_x", f"{actuator}_y")
-    }
-    commands = {
-        name: own.get(command, "") for command, name in zip(commands_of(plant), tongues_of(plant)[0], strict=True)
-    }
+    units = {c: plant.units.get(c.removesuffix("_x").removesuffix("_y"), "") for c in commands_of(plant)}
+    commands = dict(zip(in_files(list(units)), units.values(), strict=True))
     twist = dict(zip(TWIST, ("m/s", "rad/s"), strict=True))
     return {name: KINDS[name].split() for name in ("t", *MEASURED)} | {
         name: units_like(unit) for name, unit in (commands | twist).items()
@@ -178,9 +174,7 @@ def _misnamed(
             faults.append(Fault(f"identify.columns.{name}.nanoseconds", place.nanoseconds, rule))
         if place.unit and place.unit not in units.get(name, UNITS):
             rule = f"one of {', '.join(units.get(name, UNITS))}"
-            rule += (
-                '; of a quaternion say heading = { quaternion = ["qx", "qy", "qz", "qw"] }' if name == "heading" else ""
-            )
+            rule += f"; a quaternion is {AS_QUATERNION}" if name == "heading" else ""
             faults.append(Fault(f"identify.columns.{name}.unit", place.unit, rule))
         twice = [other for other in columns if other != name and set(columns[other].parts) & set(place.parts)]
         twice += [other for other in needed if other not in columns and other in place.parts and other != name]

@@ -19,22 +19,21 @@ from .excitation import Drive
 from .log import in_files
 from .posterior import posterior
 from .run import Identified
-from .verdict import FitVerdict
+from .verdict import FitVerdict, coloured
 
 UNKNOWN = "not identifiable"
-COLOURED = 0.3  # correlation from row to row above which the model lacks something
 MANY = 0.03  # share of outliers beyond which something else is wrong
 CAPTIONS = {
     "deadzones": "What every actuator delivers over what it is told, with the 95 % interval; and how often each"
     " command came.",
     "excitation": "Commands of the suggested drive, and where it leads.",
-    "predictions": "How the error of the prediction grows with time, on drives that were not fitted.",
+    "predictions": "How the error of the prediction grows with time, on drives not fitted; of many the worst.",
     "residuals": "What the model leaves unexplained, in standard deviations, over time; and its distribution beside the"
     " normal.",
-    "paths": "Where the vehicle was, and where the fitted model has it in every stretch.",
+    "paths": "Where the vehicle was, and where the fitted model has it in every stretch; of many logs the worst.",
 }
 ABSENT, READ = "What was looked for and is not there", "What was read"
-MOST = 6  # parameters that a terminal is told
+MOST, SOME = 6, 3  # parameters, and unseen logs, that a terminal is told
 FEW = 10  # stretches below which the bootstrap says little
 COUNTED = {  # the fields of `Counts` in words
     "rows": "rows",
@@ -95,8 +94,10 @@ def estimates(result: Identified) -> Json:
     fit, verdict = result.fit, result.verdict
     numbers = ("unit", "value", "deviation", "gauss_newton", "bootstrap", "low", "high", "identified")
     shown = {e.name: numbers if e.identified else ("identified", "reason", "drive") for e in verdict.estimates}
-    errors = ("log", "horizon", "windows", "worst", "rms")
+    errors = ("log", "horizon", "windows", "worst", "rms", "plain")
     return {
+        "good": result.conclusion.good,
+        "conclusion": result.conclusion.text,
         "logs": [log.name for log in result.task.logs],
         "counts": fit.counts._asdict(),
         "noise": dict(zip(fit.model.channels, fit.sigma.tolist(), strict=True)),
@@ -127,18 +128,21 @@ def brief(result: Identified) -> str:
     known = [e for e in everything if e.identified]
     rows = [[e.name, f"{e.value:.4g}", f"{e.low:.4g} to {e.high:.4g}", e.unit] for e in known[:MOST]]
     head = f"{result.verdict.identified} of {len(everything)} parameters are identified."
-    parts = [head, *_warnings(result)]
+    parts = [result.conclusion.text, head, *_warnings(result)]
     if rows:
         more = f"\nand {len(known) - MOST} more, in the report" if len(known) > MOST else ""
         parts.append(grid(["parameter", "value", "95 % interval", "unit"], rows) + more)
-    return "\n\n".join([*parts, *([predicted(result)] if result.predictions else [])])
+    return "\n\n".join([*parts, *([predicted(result, SOME)] if result.predictions else [])])
 
 
-def predicted(result: Identified) -> str:
-    """How well other drives are predicted."""
-    rows = [[p.log, p.windows, f"{1e3 * p.worst:.1f}", f"{1e3 * p.rms:.1f}"] for p in result.predictions]
-    horizon = result.predictions[0].horizon
-    return grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]"], rows)
+def predicted(result: Identified, most: int | None = None) -> str:
+    """How well other drives are predicted, beside plain models; of many `most`, the worst."""
+    logs = result.predictions if most is None else sorted(result.predictions, key=lambda p: -p.rms)[:most]
+    rows = [[p.log, p.windows, *(f"{1e3 * x:.1f}" for x in (p.worst, p.rms, *p.plain.values()))] for p in logs]
+    horizon, others = logs[0].horizon, [f"with {name}" for name in logs[0].plain]
+    text = grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]", *others], rows)
+    left = len(result.predictions) - len(logs)
+    return text + (f"\nand {left} more, which are predicted better, in the report" if left else "")
 
 
 def _warnings(result: Identified) -> list[str]:
@@ -146,7 +150,7 @@ def _warnings(result: Identified) -> list[str]:
     outliers, stretches, (best, starts) = fit.counts.outliers, fit.counts.segments, fit.arrived
     rows = int((fit.segments.weight > 0).sum()) + outliers
     lost = ", ".join(e.name for e in verdict.estimates if e.drive)
-    coloured = ", ".join(name for name, x in verdict.white.items() if x > COLOURED)
+    left = ", ".join(coloured(verdict))
     warnings = {
         "Nothing is identified: scenario.toml holds what was assumed, and no other drive is predicted.": (
             not verdict.identified
@@ -155,9 +159,9 @@ def _warnings(result: Identified) -> list[str]:
         f"{outliers} of {rows} measurements were left out as outliers: too many for a sound log.": (
             outliers > MANY * rows
         ),
-        f"What is left of {coloured} is no white noise: the model lacks something there, and values may"
+        f"What is left of {left} is no white noise: the model lacks something there, and values may"
         " be off by more than their intervals say, which take the bootstrap's deviations where those are wider."
-        " Fit more (--fit), or another kind of vehicle.": coloured,
+        " Fit more (--fit), or another kind of vehicle.": left,
         f"Only 1 of {starts} starts ended at the best fit: try more, identify.starts.": best == 1 < starts,
         f"Only {stretches} stretches: the bootstrap says little; record a longer drive.": stretches < FEW,
         "The logs have no clock in common: no sinusoid in the disturbance was looked for.": (
@@ -176,6 +180,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
     counts = result.fit.counts._asdict()
     parts = [
         f"# {_title(result)}",
+        result.conclusion.text,
         f"{result.verdict.identified} of {len(everything)} parameters are identified.",
         *_warnings(result),
         table(result.verdict),

@@ -176,7 +176,9 @@ class HeadingReading(NamedTuple):
 
 
 AS_GIVEN = HeadingReading(False, "")
-ASTRAY = "it is not, nor clockwise, in degrees or with x and y exchanged; of a quaternion it is 2 atan2(z, w)"
+AS_QUATERNION = 'heading = { quaternion = ["qx", "qy", "qz", "qw"] }, or its z and w alone'
+ASTRAY = "it is not, nor clockwise, in degrees or with x and y exchanged; of a quaternion it is 2 atan2(z, w): say "
+ASTRAY += AS_QUATERNION
 TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
     "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,

@@ -12,15 +12,17 @@ from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..config.settings import Config
+from .conclusion import Conclusion, conclude
 from .excitation import Designer, Drive, Room
 from .fit import Fit, Task
 from .log import Log, commands_of, same_channels, same_drive
 from .model import Model
 from .parameters import Parameter, parameters, values
+from .plain import plain_models
 from .predict import Prediction, predict, windows
 from .rules import faults
 from .task import model_of, read, task
-from .verdict import FitVerdict, settled
+from .verdict import FitVerdict, coloured, settled
 
 Tick = Callable[[str], object]  # is told the name of each part of the work as it ends
 ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # channels and noise where no log tells them
@@ -33,6 +35,7 @@ class Identified(NamedTuple):
     fit: Fit
     verdict: FitVerdict
     predictions: list[Prediction]  # none where nothing is identified
+    conclusion: Conclusion
     drive: Drive | None  # a suggestion; None where none was asked for, or the plant does not say what a motion needs
 
 
@@ -83,12 +86,18 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
     settings, drive = config.identify, None
     fitted, verdict = settled(posed, settings, config.seed, tick)
     predictions: list[Prediction] = []
-    if unseen and verdict.identified:  # or it would be the assumed vehicle that predicts
-        predictions = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap)
+    ahead: list[Prediction] = []
+    if verdict.identified:  # or it would be the assumed vehicle that predicts
+        pace = settings.horizon, settings.memory, settings.gap
+        long = [log for log in posed.logs if windows(log, *pace)]  # the logs themselves, where there is no other
+        ahead = predict(fitted, unseen or long, *pace, plain_models(config.scenario.plant, posed.logs))
+        predictions = ahead if unseen else []
+    tick("predicted")
+    said = conclude(posed.logs, fitted, verdict, coloured(verdict), ahead, not unseen)
     if settings.drives and _says_needs(config):
         p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)
-    return Identified(posed, fitted, verdict, predictions, drive)
+    return Identified(posed, fitted, verdict, predictions, said, drive)
 
 
 def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:

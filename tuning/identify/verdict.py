@@ -24,6 +24,7 @@ MENDED = "the model mended: fit more (--fit), or another kind of vehicle"
 STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
 TURNING = ("heading", "yaw_rate", "steering_angle")  # measurements of how a vehicle turns, not of where it goes
 DISAGREE = 3.5  # deviations of their difference, beyond which what these two say of a number is no chance
+COLOURED = 0.3  # correlation from row to row above which the model lacks something
 ALIKE = 0.8  # correlation from which two parameters are named together
 
 
@@ -246,6 +247,11 @@ def advice(name: str) -> str:
     if head == "plant":
         return "turns to both sides while driving"
     return "a longer drive, in several headings"
+
+
+def coloured(verdict: FitVerdict) -> list[str]:
+    """Channels of which more is left than white noise."""
+    return [name for name, x in verdict.white.items() if x > COLOURED]
 
 
 def _white(fit: Fit) -> dict[str, float]:

@@ -17,7 +17,7 @@ def heading(parts: np.ndarray) -> np.ndarray:
         Angles (N,) within half a turn; NaN where a part is.
 
     Raises:
-        ValueError: the numbers are no quaternions, whose squares add up to 1; it says the row, counted from 0.
+        ValueError: the numbers are no quaternions, whose squares add up to 1; it says the row, counted from 1.
     """
     x, y, z, w = parts.T if parts.shape[1] == 4 else (0.0, 0.0, *parts.T)
     length = np.sqrt(np.sum(parts**2, axis=1))
@@ -25,7 +25,6 @@ def heading(parts: np.ndarray) -> np.ndarray:
     if wrong.any():
         at = int(np.argmax(wrong))
         more = "" if parts.shape[1] == 4 else ", or all four of them where the vehicle tilts"
-        raise ValueError(
-            f"row {at} below the header: the squares of a quaternion add up to 1, here {length[at]:.4g}^2{more}"
-        )
+        rule = f"the squares of a quaternion must add up to 1, not to {length[at] ** 2:.4g}{more}"
+        raise ValueError(f"row {at + 1} below the header: {rule}")
     return np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)

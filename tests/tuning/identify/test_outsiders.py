@@ -17,12 +17,12 @@ from tuning.cli.main import main
 from tuning.config.load import resolve
 from tuning.identify import figures
 from tuning.identify import task as tasks
-from tuning.identify.fit import first_states
 from tuning.identify.load import load
 from tuning.identify.log import moved, same_drive, white_noise
 from tuning.identify.parameters import Parameter, parameters
 from tuning.identify.predict import Prediction
 from tuning.identify.segments import cut, leaps
+from tuning.identify.states import first_states
 from tuning.identify.verdict import _edge
 from tuning.io.csv_file import LARGEST, Column
 
