@@ -23,7 +23,8 @@ from .spellings import KINDS, NAMED, Toml, flat
 SECTIONS = ("scenario", "scenario.start", "simulate", "criteria", "ensemble", "tune", "tune.search", "pareto", "speed")
 SECTIONS += ("margins", "sweep", "identify")
 VEHICLES = ("unicycle", "car", "robot")
-PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "base", "forklift", "paper-goal", "all-gains")
+PRESETS = Path(__file__).with_name("presets")
+BUILT_IN = (*VEHICLES, "base", "ackermann", "forklift", "paper-goal", "all-gains")
 
 
 def load(

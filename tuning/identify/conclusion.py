@@ -92,7 +92,7 @@ def together(parts: Sequence[tuple[float, int]]) -> float:
 
 def _no_good(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence[Prediction], own: bool) -> str:
     """Why numbers are good for nothing; empty where they are."""
-    if not any(e.identified or e.absent for e in verdict.estimates):
+    if not verdict.identified:
         return "this drive tells none of what was asked for"
     counted = int((fit.segments.weight > 0).sum())
     if (lost := fit.counts.outliers / max(counted + fit.counts.outliers, 1)) > LOST:

@@ -60,11 +60,12 @@ def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float, memor
     Delays can be looked for up to `memory` [s], in commands that change every `period` [s].
     """
     chains = dict(scenario.actuators)
-    for group, (element, _) in ELEMENTS.items():
+    for group, (element, number) in ELEMENTS.items():
         for name in scenario.plant.actuators:
             parts = parts_of(chains[name]) if name in chains else {}
-            own = group == "lag" and type(scenario.plant) in LAGS
-            if group in fit and not own and not any(isinstance(part, element) for part in parts.values()):
+            asked = group in fit and not (group == "lag" and type(scenario.plant) in LAGS)
+            asked |= f"actuators.{name}.{group}.{number}" in fit
+            if asked and not any(isinstance(part, element) for part in parts.values()):
                 parts = {group: element()} | parts
             for key, part in parts.items():
                 if isinstance(part, agvjax.Delay):  # long enough a memory for the longest delay that is tried

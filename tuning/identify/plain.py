@@ -66,10 +66,8 @@ def commanded(plant: agvjax.Plant, log: Log) -> np.ndarray:
     if not isinstance(plant, Driven):
         return log.inputs
     still = np.array(plant.body(jnp.zeros(2)), float)
-    return (
-        np.column_stack([np.broadcast_to(x, log.t.shape) for x in plant.body(jnp.asarray(log.inputs.T))]).astype(float)
-        - still
-    )
+    twist = plant.body(jnp.asarray(log.inputs.T))
+    return np.column_stack([np.broadcast_to(np.asarray(part, float), log.t.shape) for part in twist]) - still
 
 
 def driven(plain: Plain, plant: agvjax.Plant, log: Log) -> Motion:
