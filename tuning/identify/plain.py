@@ -145,7 +145,8 @@ def _increments(log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     middle = (pose[last, 2] + pose[first, 2]) / 2
     c, s = np.cos(middle), np.sin(middle)
     along, across = moved[:, 0] * c + moved[:, 1] * s, moved[:, 1] * c - moved[:, 0] * s
-    return first, last, np.column_stack([along, across, moved[:, 2]])
+    arc = np.sinc(moved[:, 2] / (2 * np.pi))[:, None]  # of which a straight line from end to end is shorter
+    return first, last, np.column_stack([np.column_stack([along, across]) / arc, moved[:, 2]])
 
 
 def _size(left: np.ndarray) -> np.ndarray:

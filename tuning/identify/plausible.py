@@ -179,12 +179,14 @@ AS_GIVEN = HeadingReading(False, "")
 AS_QUATERNION = 'heading = { quaternion = ["qx", "qy", "qz", "qw"] }, or its z and w alone'
 ASTRAY = "it is not, nor clockwise, in degrees or with x and y exchanged; of a quaternion it is 2 atan2(z, w): say "
 ASTRAY += AS_QUATERNION
+PART = f"it is where the column is z of a quaternion: say {AS_QUATERNION}"
 TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
     "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
     "it is where heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
 }
 SKEW = 0.05  # rad, between where a vehicle looks and where it goes: more is another frame, or a sensor mounted so
+HALF = 3.0  # times closer it comes with twice the angle, to be taken for a part of a quaternion
 TIED = 0.6  # square of the correlation of way and turn, as on a circle, from which neither tells the angle
 FEW, SHARP = 5, 0.5  # stretches by which a heading can be judged; rad, a turn within one that says too little
 
@@ -210,20 +212,31 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
     for degrees in (False, True):
         for words, turn in TURNED.items():
             h = turn(np.deg2rad(heading) if degrees else heading)
-            middle, turned = h[(first + last) // 2], np.asarray(wrap(h[last] - h[first]))
-            aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
-            ahead = aside @ turned / max(turned @ turned, 1e-12)  # m, of the reference point before the axle that rolls
-            share = np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)
-            off[HeadingReading(degrees, words)] = float(np.median(share))
+            off[HeadingReading(degrees, words)] = _aside(moved, h[first], h[(first + last) // 2], h[last])
     best = min(off, key=lambda reading: off[reading])
     if off[AS_GIVEN] > WRONG and off[best] < WRONG / 2:
         return best
+    if np.abs(heading).max() <= 1:
+        h = 2 * np.arcsin(heading)
+        if _aside(moved, h[first], h[(first + last) // 2], h[last]) * HALF < off[AS_GIVEN] > SKEW:
+            return HeadingReading(False, PART)
     turned, middle = np.arcsin(np.sin(0.5 * (heading[last] - heading[first]))), heading[(first + last) // 2]
     straight = np.abs(np.sin(np.arctan2(moved[:, 1], moved[:, 0]) - middle))[np.abs(turned) < SHARP / 2]
     astray = straight.size >= FEW and np.median(straight) > WRONG
     if skew := _skew(moved, middle, 2 * turned):
         return HeadingReading(False, f"it is off by the same angle throughout: add {skew:.2g} rad to the column")
     return HeadingReading(False, ASTRAY) if off[AS_GIVEN] > WRONG and astray else AS_GIVEN
+
+
+def _aside(moved: np.ndarray, begins: np.ndarray, middle: np.ndarray, ends: np.ndarray) -> float:
+    """How far to the side of where it looks a vehicle usually goes, as a share of its way, along stretches (n, 2).
+
+    What its reference point swings out by, being ahead of the axle that rolls, is not counted.
+    """
+    turned = np.asarray(wrap(ends - begins))
+    aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
+    ahead = aside @ turned / max(turned @ turned, 1e-12)  # m
+    return float(np.median(np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)))
 
 
 def _skew(moved: np.ndarray, middle: np.ndarray, turned: np.ndarray) -> float:

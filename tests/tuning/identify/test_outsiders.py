@@ -8,7 +8,6 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from matplotlib import image
 
 import agvjax
 from agvjax import Fault
@@ -305,14 +304,6 @@ def test_lines_of_predictions_go_on_over_rows_without_a_measurement():
     errors = np.where(np.arange(6) % 2 == 0, 1e-3, np.nan) * np.ones((2, 1))
     figure = figures.predictions([Prediction("log", 5.0, 2, 1e-3, 1e-3, t, errors)])
     assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]
-
-
-def test_many_logs_stand_below_each_other(tmp_path):
-    t = np.tile(np.arange(6.0), (1, 1))
-    figure = figures.predictions([Prediction(f"log{i}", 5.0, 1, 0.0, 0.0, t, 0 * t) for i in range(16)])
-    figure.savefig(tmp_path / "predictions.png")
-    height, width = image.imread(tmp_path / "predictions.png").shape[:2]
-    assert len(figure.axes) == 16 and width <= 1600 < height
 
 
 # ---- cells and settings
