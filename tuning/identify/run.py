@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-import agvjax
 from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..config.settings import Config
 from .conclusion import Conclusion, conclude
-from .excitation import Designer, Drive, Room
+from .excitation import Designer, Drive, Room, motion
 from .fit import Fit, Task
 from .log import Log, commands_of, same_channels, same_drive
 from .model import Model
@@ -121,8 +120,7 @@ def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
 
 def _says_needs(config: Config) -> bool:
     """Whether the plant says what a motion needs."""
-    zero = np.zeros(1)
-    return bool(config.scenario.plant.needs(agvjax.Motion(zero, zero, zero, zero)))
+    return bool(config.scenario.plant.needs(motion(*np.zeros((5, 1)))))
 
 
 def _limits(config: Config) -> tuple[float, ...]:

@@ -163,12 +163,14 @@ def _estimate(
     half = Z95 * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
+    near = NEAR * (q.high - q.low)
+    sank = value - q.low < near < q.nominal - value  # to the least that it can be: the log felt that much
     if words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
         identified, reason = False, words  # asked first: what ends there is no value, however much it is felt
         drive = drive if ".threshold_" in q.name else CHECKED
-    elif not identified and felt * max(abs(value), q.floor, q.width) < FELT:
+    elif not identified and not sank and felt * max(abs(value), q.floor, q.width) < FELT:
         reason = "never excited: with any value the log would look the same"
-    elif not identified and value - q.low < NEAR * (q.high - q.low):
+    elif not identified and value - q.low < near:
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]

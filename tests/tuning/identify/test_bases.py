@@ -9,6 +9,7 @@ import pytest
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.load import resolve
+from tuning.identify.excitation import Room, candidate
 from tuning.identify.parameters import named, prepared
 
 STEP = 0.02
@@ -116,6 +117,18 @@ def test_a_vehicle_that_is_sent_a_steering_angle_is_found(tmp_path):
     assert told["good"]
 
 
+def test_a_drive_for_a_base_is_sent_what_its_deadzones_leave_of_a_twist():
+    """What is delivered at both wheels, 0.5 m apart, is a speed and a yaw rate within what is allowed, from rest."""
+    scenario = resolve({"scenario": {"plant": "base"}}).scenario
+    room = Room(speed=0.5, yaw_rate=1.0, limits=(np.inf, np.inf), extent=5.0, duration=20.0, period=0.05)
+    _, u = candidate(scenario, room, np.random.default_rng(0).random(20))
+    left, right = np.sign(u).T * np.maximum(np.abs(u.T) - 0.06, 0.0) * 0.95
+    v, w = (left + right) / 2, (right - left) / 0.5
+    assert 0.24 < np.abs(v).max() < 0.5 + 1e-9 and 0.49 < np.abs(w).max() < 1.0 + 1e-9
+    assert v.min() < 0 < v.max() and w.min() < 0 < w.max() and abs(v[0]) < 1e-9
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["base", "ackermann"])
 def test_a_drive_is_suggested_in_columns_that_identify_reads(preset, tmp_path):
     out = tmp_path / "out"
