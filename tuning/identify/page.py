@@ -46,6 +46,7 @@ COUNTED = {  # the fields of `Counts` in words
 }
 METHOD = (
     "Each window begins in the state that fits one second of measurements before it; then only the commands are known."
+    " Plain models, learned from the same logs, see the same."
     " A sinusoid in the disturbance is left out, its phase in another drive being unknown."
 )
 TUNE = (
@@ -139,7 +140,7 @@ def predicted(result: Identified, most: int | None = None) -> str:
     """How well other drives are predicted, beside plain models; of many `most`, the worst."""
     logs = result.predictions if most is None else sorted(result.predictions, key=lambda p: -p.rms)[:most]
     rows = [[p.log, p.windows, *(f"{1e3 * x:.1f}" for x in (p.worst, p.rms, *p.plain.values()))] for p in logs]
-    horizon, others = logs[0].horizon, [f"with {name}" for name in logs[0].plain]
+    horizon, others = logs[0].horizon, [f"rms with {name} [mm]" for name in logs[0].plain]
     text = grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]", *others], rows)
     left = len(result.predictions) - len(logs)
     return text + (f"\nand {left} more, which are predicted better, in the report" if left else "")
