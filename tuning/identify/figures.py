@@ -13,7 +13,8 @@ from agvjax import Deadzone
 
 from .excitation import Drive
 from .fit import Fit, Task
-from .log import columns_of
+from .log import Log, columns_of
+from .plain import twists
 from .predict import Prediction
 from .verdict import FitVerdict
 
@@ -97,6 +98,19 @@ def _commands(task: Task, actuator: str) -> np.ndarray:
 
 def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.asarray(Deadzone(**dict(zip(PARTS, numbers, strict=True)))(jnp.asarray(u)))
+
+
+def coverage(logs: Sequence[Log]) -> Figure:
+    """Speed and yaw rate, as the poses of the logs tell them."""
+    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+    axis = figure.subplots()
+    for log in logs:
+        moved = twists(log)
+        axis.plot(moved[:, 0], moved[:, 2], ".", ms=2, alpha=0.5)
+    axis.axhline(0.0, color="0.7", lw=0.8)
+    axis.axvline(0.0, color="0.7", lw=0.8)
+    axis.set(xlabel="speed [m/s], negative backwards", ylabel="yaw rate [rad/s], positive to the left")
+    return figure
 
 
 def residuals(fit: Fit, verdict: FitVerdict) -> Figure:

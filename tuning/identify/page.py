@@ -15,6 +15,7 @@ from ..io.files import Json
 from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
+from .coverage import Covered
 from .excitation import Drive
 from .log import in_files
 from .posterior import posterior
@@ -30,6 +31,7 @@ CAPTIONS = {
     "predictions": "How the error of the prediction grows with time, on drives not fitted; of many the worst.",
     "residuals": "What the model leaves unexplained, in standard deviations, over time; and its distribution beside the"
     " normal.",
+    "coverage": "What was driven: speed and yaw rate, by half seconds.",
     "paths": "Where the vehicle was, and where the fitted model has it in every stretch; of many logs the worst.",
 }
 ABSENT, READ = "What was looked for and is not there", "What was read"
@@ -44,6 +46,7 @@ COUNTED = {  # the fields of `Counts` in words
     "blank": "measurements that are not there",
     "outliers": "measurements left out as outliers",
 }
+COMPLETE = "Five minutes of these, levels held for a second or two and half a minute of each, would complete it."
 METHOD = (
     "Each window begins in the state that fits one second of measurements before it; then only the commands are known."
     " Plain models, learned from the same logs, see the same."
@@ -64,6 +67,7 @@ def write(config: Config, result: Identified, out: Path) -> str:
     drawn: dict[str, Drawing] = {
         "residuals": lambda: figures.residuals(fit, verdict),
         "paths": lambda: figures.paths(result.task, fit),
+        "coverage": lambda: figures.coverage(result.task.logs),
     }
     if figures.fitted(result.task, verdict):
         drawn["deadzones"] = lambda: figures.deadzones(result.task, fit, verdict)
@@ -98,6 +102,7 @@ def estimates(result: Identified) -> Json:
     errors = ("log", "horizon", "windows", "worst", "rms", "plain")
     return {
         "good": result.conclusion.good,
+        "lacks": list(result.covered.lacks),
         "conclusion": result.conclusion.text,
         "logs": [log.name for log in result.task.logs],
         "counts": fit.counts._asdict(),
@@ -129,11 +134,33 @@ def brief(result: Identified) -> str:
     known = [e for e in everything if e.identified]
     rows = [[e.name, f"{e.value:.4g}", f"{e.low:.4g} to {e.high:.4g}", e.unit] for e in known[:MOST]]
     head = f"{result.verdict.identified} of {len(everything)} parameters are identified."
-    parts = [result.conclusion.text, head, *_warnings(result)]
+    lacks = [lacking(result.covered)] if result.covered.lacks else []
+    parts = [result.conclusion.text, head, *lacks, *_warnings(result)]
     if rows:
         more = f"\nand {len(known) - MOST} more, in the report" if len(known) > MOST else ""
         parts.append(grid(["parameter", "value", "95 % interval", "unit"], rows) + more)
     return "\n\n".join([*parts, *([predicted(result, SOME)] if result.predictions else [])])
+
+
+def driven(covered: Covered) -> str:
+    """What logs have driven, before anything is made of it, and what a drive that completes them has."""
+    shares = [[name, f"{share:.0%}"] for name, share in covered.shares.items()]
+    rows = [[c, f"{low:.3g} to {high:.3g}", f"{small:.0%}", turns] for c, low, high, small, turns in covered.commands]
+    return "\n\n".join(
+        [
+            grid(["the vehicle goes", "share of the time"], shares),
+            grid(["command", "from least to most", "small ones", "times up or down"], rows),
+            lacking(covered) or "It has something of everything.",
+            _picture("coverage"),
+        ]
+    )
+
+
+def lacking(covered: Covered) -> str:
+    """What a log lacks, as the drive that would complete it; empty where that is nothing."""
+    if not covered.lacks:
+        return ""
+    return f"It lacks, or has hardly any: {', '.join(covered.lacks)}. {COMPLETE}"
 
 
 def predicted(result: Identified, most: int | None = None) -> str:
@@ -195,6 +222,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
             "## What this drive does not tell",
             grid(["parameter", "why", "what would tell it", "in scenario.toml"], lost),
         ]
+    parts += ["## What was driven", driven(result.covered)]
     if absent:
         parts += [f"## {ABSENT}", grid(["parameter", ""], absent)]
     if drive is not None:

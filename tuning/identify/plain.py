@@ -61,6 +61,12 @@ def plain_models(plant: agvjax.Plant, logs: Sequence[Log]) -> list[Plain]:
     return models
 
 
+def twists(log: Log) -> np.ndarray:
+    """Speed along [m/s], aside [m/s] and yaw rate [rad/s] over every `REACH` of a log, by its poses: (n, 3)."""
+    first, last, moved = _increments(log)
+    return moved / (log.t[last] - log.t[first])[:, None]
+
+
 def commanded(plant: agvjax.Plant, log: Log) -> np.ndarray:
     """What plain models are linear in (N, k): the twist that is sent to what is driven by velocities, or commands."""
     if not isinstance(plant, Driven):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -233,7 +233,8 @@ def _aside(moved: np.ndarray, begins: np.ndarray, middle: np.ndarray, ends: np.n
 
     What its reference point swings out by, being ahead of the axle that rolls, is not counted.
     """
-    turned = np.asarray(wrap(ends - begins))
+    apart: Any = ends - begins
+    turned = np.asarray(wrap(apart))
     aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
     ahead = aside @ turned / max(turned @ turned, 1e-12)  # m
     return float(np.median(np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)))

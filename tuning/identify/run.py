@@ -12,6 +12,7 @@ from agvjax import Fault, InputError
 from .. import config as configuration
 from ..config.settings import Config
 from .conclusion import Conclusion, conclude
+from .coverage import Covered, covered
 from .excitation import Designer, Drive, Room, motion
 from .fit import Fit, Task
 from .log import Log, commands_of, same_channels, same_drive
@@ -35,6 +36,7 @@ class Identified(NamedTuple):
     verdict: FitVerdict
     predictions: list[Prediction]  # none where nothing is identified
     conclusion: Conclusion
+    covered: Covered  # what the logs have driven
     drive: Drive | None  # a suggestion; None where none was asked for, or the plant does not say what a motion needs
 
 
@@ -96,7 +98,7 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
     if settings.drives and _says_needs(config):
         p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)
-    return Identified(posed, fitted, verdict, predictions, said, drive)
+    return Identified(posed, fitted, verdict, predictions, said, covered(config.scenario, posed.logs), drive)
 
 
 def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import agvjax
 from tuning.identify import figures, page
 from tuning.identify.conclusion import conclude
+from tuning.identify.coverage import covered
 from tuning.identify.log import Log
 from tuning.identify.plain import AT_ONCE, LAGGING, driven, led, plain_models
 from tuning.identify.predict import Prediction
@@ -171,3 +172,51 @@ def test_of_many_logs_a_terminal_is_told_the_worst():
     lines = page.predicted(result, 3).splitlines()
     assert len(lines) == 6 and "log6" in lines[2] and lines[-1].startswith("and 22 more")
     assert len(page.predicted(result).splitlines()) == 27
+
+
+# ---- what was driven
+
+
+def going(v, w, sent):
+    """A log of 40 s at 20 Hz that goes by these functions of time, with a millimetre and a milliradian of noise."""
+    t = STEP * np.arange(800)
+    psi = np.cumsum(w(t)) * STEP
+    x, y = np.cumsum([v(t) * np.cos(psi), v(t) * np.sin(psi)], axis=1) * STEP
+    seen = np.stack([x, y, psi]) + 1e-3 * np.random.default_rng(0).standard_normal((3, 800))
+    inputs = np.stack([f(t) for f in sent], axis=1)
+    return Log("a", 0.0, t, inputs, ("left", "right"), dict(zip(("x", "y", "heading"), seen, strict=True)))
+
+
+def test_a_drive_to_all_sides_lacks_nothing():
+    """Forwards and backwards, to the left and to the right, for half of the time each but for a part of a period."""
+    sines = [lambda t: 0.6 * np.sin(0.7 * t), lambda t: 0.6 * np.sin(0.9 * t)]
+    sent = [lambda t: 0.6 * t / 40 * np.sign(np.sin(3 * t)), lambda t: 0.6 * np.sin(3 * t)]
+    told = covered(agvjax.Scenario.of(agvjax.Base()), [going(*sines, sent)])
+    assert not told.lacks
+    assert set(told.shares) == {"forwards", "backwards", "to the left", "to the right", "straight on"}
+    for name in ("forwards", "backwards", "to the left", "to the right"):
+        assert 0.4 < told.shares[name] < 0.6, name
+    (name, least, most, small, turns), (_, _, _, _, waves) = told.commands
+    assert name == "left" and most == pytest.approx(0.6, abs=0.03) and least == pytest.approx(-most, abs=0.03)
+    assert small == pytest.approx(0.2, abs=0.01)  # below twice the threshold of 0.06, of what grows to 0.6
+    assert waves == 38 and turns == pytest.approx(38 - 8, abs=2)  # a change of sign every pi / 3; those above a tenth
+
+
+def test_what_a_drive_lacks_is_named():
+    """Round to the left and never back, at one level of command."""
+    log = going(lambda t: 0.5 + 0 * t, lambda t: 0.4 + 0 * t, [lambda t: 0.4 + 0 * t, lambda t: 0.6 + 0 * t])
+    told = covered(agvjax.Scenario.of(agvjax.Base()), [log])
+    assert told.shares["forwards"] == told.shares["to the left"] == 1.0 and told.shares["backwards"] == 0.0
+    of_each = [
+        x
+        for side in ("left", "right")
+        for x in (f"negative commands of {side} beyond its deadzone", f"small commands of {side}, up to 0.12")
+    ]
+    assert {*told.lacks} == {
+        "drives backwards",
+        "drives to the right",
+        *of_each,
+        "left up and down",
+        "right up and down",
+    }
+    assert page.lacking(told).startswith("It lacks, or has hardly any: drives backwards, drives to the right, ")
