@@ -80,7 +80,7 @@ def beside(ahead: Sequence[Prediction], own: bool) -> str:
 
 def plain(ahead: Sequence[Prediction]) -> dict[str, float]:
     """The rms [m] of plain models over all predictions, by name."""
-    names = [name for name, rms in (ahead[0].plain if ahead else {}).items() if np.isfinite(rms)]
+    names = [name for name in (ahead[0].plain if ahead else {}) if all(name in p.plain for p in ahead)]
     return {name: together([(p.plain[name], p.windows) for p in ahead]) for name in names}
 
 

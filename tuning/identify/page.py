@@ -166,8 +166,10 @@ def lacking(covered: Covered) -> str:
 def predicted(result: Identified, most: int | None = None) -> str:
     """How well other drives are predicted, beside plain models; of many `most`, the worst."""
     logs = result.predictions if most is None else sorted(result.predictions, key=lambda p: -p.rms)[:most]
-    rows = [[p.log, p.windows, *(f"{1e3 * x:.1f}" for x in (p.worst, p.rms, *p.plain.values()))] for p in logs]
-    horizon, others = logs[0].horizon, [f"rms with {name} [mm]" for name in logs[0].plain]
+    names = list(dict.fromkeys(name for p in logs for name in p.plain))
+    errors = [[p.worst, p.rms, *(p.plain.get(name, np.nan) for name in names)] for p in logs]
+    rows = [[p.log, p.windows, *(f"{1e3 * x:.1f}" for x in own)] for p, own in zip(logs, errors, strict=True)]
+    horizon, others = logs[0].horizon, [f"rms with {name} [mm]" for name in names]
     text = grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]", *others], rows)
     left = len(result.predictions) - len(logs)
     return text + (f"\nand {left} more, which are predicted better, in the report" if left else "")

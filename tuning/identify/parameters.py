@@ -22,6 +22,7 @@ VEHICLE = {
     agvjax.DifferentialDrive: ("L", "inertia", "friction", "viscous", "caster_friction", "creep"),
     agvjax.KinematicSingleTrack: ("L",),
     agvjax.Base: ("track", "time_constant", "acceleration", "drift"),
+    agvjax.TwistBase: ("drift",),
     agvjax.Ackermann: ("time_constant", "acceleration", "steering_time", "steering_rate", "drift"),
 }
 LAGS = {  # of plants whose motors lag by themselves: no further lag can be told from theirs

@@ -87,7 +87,8 @@ def predict(
         x, y = (fit.model.channels.index(name) for name in ("x", "y"))
         error = np.where(counted, np.hypot(residual[..., x], residual[..., y]), np.nan)
         worst, rms = float(np.nanmax(error)), float(np.sqrt(np.nanmean(error**2)))
-        plain = {model.name: _rms_of(model, fit.model.scenario.plant, log, segments, counted) for model in beside}
+        others = {model.name: _rms_of(model, fit.model.scenario.plant, log, segments, counted) for model in beside}
+        plain = {name: rms for name, rms in others.items() if np.isfinite(rms)}  # of a log that shows no pose none is
         predictions.append(Prediction(log.name, horizon, len(error), worst, rms, since, error, plain))
     return predictions
 

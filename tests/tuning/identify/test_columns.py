@@ -94,6 +94,18 @@ def test_a_steering_angle_is_commanded_beside_the_speed_that_is_measured(log_of)
     np.testing.assert_allclose(log_of(drive, CAR).inputs, np.column_stack([drive["cmd_v"], angle]), rtol=1e-5)
 
 
+def test_a_base_that_takes_a_twist_is_told_it_by_either_name(log_of):
+    """Its commands are a speed and a yaw rate, which may be measured beside."""
+    drive = driven()
+    named = without(
+        drive, "cmd_v", "cmd_w", speed_cmd=drive["cmd_v"], yaw_rate_cmd=drive["cmd_w"], speed=drive["cmd_v"]
+    )
+    for columns in (drive, named):
+        log = log_of(columns, agvjax.TwistBase())
+        np.testing.assert_allclose(log.inputs, np.column_stack([drive["cmd_v"], drive["cmd_w"]]), rtol=1e-6)
+        assert log.commands == ("speed", "yaw_rate") and ("speed" in log.measured) == (columns is named)
+
+
 def test_a_log_without_commands_is_told_both_ways_to_give_them(refusal):
     fault = refusal(without(driven(), "cmd_w"))
     assert (
