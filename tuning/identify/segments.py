@@ -16,6 +16,7 @@ import numpy as np
 from .log import Log, white_noise
 
 STILL = 1e-12  # of a value: rounding, not motion
+BEND = 3.0  # rows' usual motion, that a spike sticks out by at least
 SPIKE, WINDOW = 12.0, 9  # robust standard deviations from the line through so many rows: an outlier
 
 
@@ -137,7 +138,8 @@ def leaps(log: Log) -> np.ndarray:
             off = np.abs(value[fine] - line)  # where a channel stands exactly still it says nothing of its noise
             moving = off[off > STILL * np.abs(value[fine])]
             usual = 1.4826 * np.median(moving) if moving.size else np.inf
-            spikes[fine[off > SPIKE * usual], channel] = True
+            pace = np.quantile(np.abs(np.diff(value[fine])), 0.9)  # a bend of a channel without noise is no spike
+            spikes[fine[off > max(SPIKE * usual, BEND * pace)], channel] = True
     return spikes
 
 

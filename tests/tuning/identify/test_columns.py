@@ -11,7 +11,7 @@ from tuning import config as configuration
 from tuning.config.load import resolve
 from tuning.identify.load import load
 from tuning.identify.log import Log, Sent
-from tuning.identify.segments import cut, with_inputs
+from tuning.identify.segments import cut, leaps, with_inputs
 from tuning.io.csv_file import Column, units_like
 
 BASE = agvjax.Base(track=0.6)
@@ -104,6 +104,20 @@ def test_a_base_that_takes_a_twist_is_told_it_by_either_name(log_of):
         log = log_of(columns, agvjax.TwistBase())
         np.testing.assert_allclose(log.inputs, np.column_stack([drive["cmd_v"], drive["cmd_w"]]), rtol=1e-6)
         assert log.commands == ("speed", "yaw_rate") and ("speed" in log.measured) == (columns is named)
+
+
+def test_a_bend_of_a_channel_without_noise_is_no_spike(log_of):
+    """A speed that follows its command to the last digit, with corners where levels change; and one cell that leaps."""
+    drive, speed = driven(), np.zeros(600)
+    levels = np.repeat(np.random.default_rng(1).uniform(0.2, 1.0, 12), 50)
+    for i in range(1, 600):
+        speed[i] = speed[i - 1] + 0.02 / 0.3 * (levels[i - 1] - speed[i - 1])
+    heading, t = 1.8 * np.sin(0.5 * drive["t"]), drive["t"]
+    x, y = np.cumsum([speed * np.cos(heading), speed * np.sin(heading)], axis=1) * 0.02
+    columns = {"t": t, "x": x, "y": y, "heading": heading, "speed": speed, "cmd_v": levels, "cmd_w": 0 * t}
+    assert not leaps(log_of(columns)).any()
+    speed[333] += 0.5
+    assert np.argwhere(leaps(log_of(columns))).tolist() == [[333, 3]]
 
 
 def test_a_log_without_commands_is_told_both_ways_to_give_them(refusal):
