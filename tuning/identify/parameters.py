@@ -34,6 +34,7 @@ SINUSOID = ("cosine", "sine")
 LONGEST = 2.0  # memories, of a lag; of a delay one
 ELEMENTS = {"delay": (agvjax.Delay, "time"), "lag": (agvjax.Lag, "time_constant")}  # the group's class and its number
 OMEGA = "disturbance.omega"
+DRIFT = 5e-3  # rad/s, by which a yaw rate may be unknown: a third of a degree per second
 
 
 class Parameter(NamedTuple):
@@ -158,7 +159,8 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
     high = min(value + 20 * size, np.inf if rule is None else rule.high)
     shift = ": shift the pose to a point further ahead of the axle (identify.ahead, m)" if last == "L" else ""
     least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
-    return Parameter(name, unit, value, low, high, size, 0.0, least, "" if rule and high == rule.high else around)
+    floor = DRIFT if name == "plant.drift" else 0.0
+    return Parameter(name, unit, value, low, high, size, floor, least, "" if rule and high == rule.high else around)
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

@@ -240,8 +240,10 @@ def advice(name: str) -> str:
     if head.startswith("deadzone."):
         actuator, side = head.split(".")[1], "positive" if last.endswith("right") else "negative"
         return f"{side} commands of {actuator} at several levels, some just beyond the threshold"
-    if last in ("time", "time_constant"):
-        return f"steps of {name.split('.')[1]} up and down"
+    if last in ("time", "time_constant", "steering_time"):
+        return f"steps of {'the commands' if head == 'plant' else name.split('.')[1]} up and down"
+    if name in ("plant.acceleration", "plant.steering_rate"):
+        return "steps of the commands so large that the vehicle is as slow as it can be in following them"
     if sinusoidal(name):
         return "a drive of several periods of the disturbance"
     if last in ("friction", "viscous", "creep"):
