@@ -64,10 +64,22 @@ class Tab:
         Raises:
             TimeoutError: it is not in time.
         """
+        value = None
         async with asyncio.timeout(seconds):
-            while not (value := await self.value(script)):
-                await asyncio.sleep(0.05)
+            while not value:
+                with contextlib.suppress(RuntimeError):  # a page on its way has nothing to ask yet
+                    value = await self.value(script)
+                await asyncio.sleep(0.0 if value else 0.05)
         return value
+
+    async def go(self, address: str) -> None:
+        """Open another address, and wait until it is there."""
+        await self.call("Page.navigate", url=address)
+        ready = f"location.href == {json.dumps(address)} && document.readyState == 'complete'"
+        try:
+            await self.until(ready)
+        except TimeoutError as error:
+            raise TimeoutError(f"{address} is not there in time") from error
 
     async def key(self, name: str) -> None:
         """Press a key and let go of it."""

@@ -1,7 +1,6 @@
 """Examples in the documentation run as they stand; commands of `docs/extending.md` with small numbers added."""
 
 import ast
-import csv
 import re
 import shlex
 import sys
@@ -15,6 +14,7 @@ from agvjax import Metrics, Sampled, Scenario, simulate
 from agvjax.leaves import unit_of
 from agvjax.metric_table import METRICS
 from commands import FAST, ROOT, run
+from runs import logged
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.compute import compiled
@@ -129,11 +129,7 @@ def drive(file):
     import omni
 
     run = simulate(agvjax.NeuroBackstepping(), Scenario.of(omni.Omni()), dt=0.005, n_steps=3200, save_every=4)
-    columns = [run.t, run.position[:, 0], run.position[:, 1], run.heading, *np.asarray(run.inputs).T]
-    with open(file, "w", newline="") as log:
-        rows = csv.writer(log)
-        rows.writerow(["t", "x", "y", "heading", *omni.WHEELS])
-        rows.writerows(np.stack(columns, 1).tolist())
+    logged(file, run, omni.WHEELS)
 
 
 @pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)])

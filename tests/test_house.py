@@ -41,6 +41,7 @@ ASKED = {  # where what an object has is asked all the same, and why
     "agvjax/decorator.py": "marks a user's class: looks for methods that a class without a base may have",
     "agvjax/draw/animate.py": "a path or an open file, as `open` and Pillow take them",
     "agvjax/engine/xla.py": "the operating system's: `os.sched_getaffinity` is Linux's alone",
+    "tuning/io/logs/ros.py": "messages of classes that a library makes by the definitions of a file",
     "tuning/export/ros2_node/parameters.py": "exported, and runs without this package: a list or an array",
 }
 each_file = pytest.mark.parametrize("path", PACKAGES, ids=lambda p: str(p.relative_to(ROOT)))

@@ -2,10 +2,12 @@
 
 import html
 import html.parser
+import importlib.util
 import re
 import shlex
 import shutil
 import urllib.parse
+from pathlib import Path
 
 import pytest
 
@@ -162,3 +164,41 @@ def test_the_commands_of_the_tutorial_are_commands_and_its_file_is_read(tmp_path
     assert config.controller.inner.desired_linear_vel == 0.6
     assert config.tune.limits["cross_track_peak_late"].worst == 0.15
     assert config.ensemble.size == 64
+
+
+THEMES = {"landmark-unique"}  # of the theme: its menus for wide and for narrow screens have one name
+VIOLATIONS = """axe.run(document, { resultTypes: ['violations'] }).then(found => found.violations.map(
+  rule => [rule.id, rule.nodes.map(node => node.target.join(' ')).slice(0, 3)]))"""
+
+
+def test_pages_are_accessible_by_the_rules_of_axe(site, monkeypatch):
+    """Contrast, names, headings, landmarks, what the keyboard reaches: in a browser, in a light and a dark page."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import browser
+
+    if browser.found() is None:
+        pytest.skip("no Chromium")
+    rules = Path(importlib.util.find_spec("axe_core_python").origin).with_name("axe.min.js").read_text(encoding="utf-8")
+    folder, pages, _ = site
+    looked_at = [name for name in pages if "/" not in name and name != "404.html"]
+    looked_at += [
+        "reference/metrics.html",
+        "reference/commands.html",
+        "reference/keys/tune.html",
+        "project/index.html",
+    ]
+
+    async def visit(tab):
+        found = {}
+        for scheme in ("light", "dark"):
+            asked = {"name": "prefers-color-scheme", "value": scheme}
+            await tab.call("Emulation.setEmulatedMedia", features=[asked])
+            for name in looked_at:
+                await tab.go((folder / name).as_uri())
+                await tab.value(f"{rules}; 0")
+                wrong = [rule for rule in await tab.value(VIOLATIONS) if rule[0] not in THEMES]
+                found |= {(name, scheme): wrong} if wrong else {}
+        return found
+
+    assert len(looked_at) > 15
+    assert browser.visit("about:blank", visit) == {}

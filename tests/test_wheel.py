@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -27,9 +28,16 @@ def ran(command, cwd, **environment):
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
-    ran([sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, ROOT], folder)
+    ran([sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, ROOT], folder)  # of the source archive
     (file,) = folder.glob("agvjax-*.whl")
     return file
+
+
+def test_a_package_index_would_take_the_archives(wheel):
+    told = ran([sys.executable, "-m", "twine", "check", "--strict", *wheel.parent.iterdir()], wheel.parent)
+    assert told.count("PASSED") == 2
+    (version,) = re.findall(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.M)
+    assert wheel.name.startswith(f"agvjax-{version}-")
 
 
 def test_the_wheel_holds_every_file_of_the_packages_and_no_other(wheel):

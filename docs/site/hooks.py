@@ -74,4 +74,4 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Let the keyboard reach code, whose long lines are scrolled."""
-    return re.sub(r"(<pre>(?:<span></span>)?)<code>", r'\1<code tabindex="0">', html)
+    return re.sub(r"<pre>(?=(?:<span></span>)?<code>)", '<pre tabindex="0">', html)

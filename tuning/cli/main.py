@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TextIO
 from ..export import FORMATS
 from ..io.numbers import integer, real
 from .early import end_at_once
-from .options import Command, Option, flag, many, option
+from .options import QUIET, Command, Option, flag, many, option
 from .questions import COMPLETION, EXPLAIN, NEW
 
 SHARED = (
@@ -87,6 +87,21 @@ IDENTIFY = Command(
         option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"),
     ),
 )
+TOPICS = (
+    many("--topics", "ROLE=TOPIC", "which topic of a recording is its pose, command, speed, yaw_rate, steering"),
+    option("--stamps", choices=("header", "arrival"), help="whose times: the sender's or those of arrival"),
+)
+LOG = Command(
+    "what a recorded drive holds and what it can be used for: bags of ROS, MCAP, ULog, dataflash, MDF",
+    (
+        option("file", metavar="FILE", help="the recording; the folder of a bag of ROS 2"),
+        *TOPICS,
+        option("--out", metavar="DIR", help="where to write; a new folder (default: runs/log-TIME)"),
+        QUIET,
+    ),
+    "drive.mcap",
+    (),
+)
 EXPORT = Command(
     "the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO",
     (
@@ -116,6 +131,7 @@ COMMANDS = {
     "reproduce": Command("rebuild the paper's tables and figures beside the printed numbers"),
     "compare": COMPARE,
     "vehicles": Command("unicycle, car and robot with limits, delay and sampling; tuned and judged"),
+    "log": LOG,
     "identify": IDENTIFY,
     "export": EXPORT,
     "explain": EXPLAIN,

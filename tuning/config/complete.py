@@ -16,6 +16,7 @@ from .settings import (
     FOLLOWED_METRICS,
     SWEPT_METRICS,
     WHOLE_ERROR,
+    Bound,
     Config,
     Ensemble,
     Sweep,
@@ -54,7 +55,8 @@ def complete(config: Config) -> Config:
         tune = dataclasses.replace(tune, gains=spread(law, tune.gains or ()))
     wanted = FOLLOWED_METRICS if follows else SWEPT_METRICS
     metrics = tuple(name for name in wanted if name in known)
-    sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis))
+    fails = {next(iter(goals)): Bound()}  # of a law that follows a route, its distance to it
+    sweep = _filled(config.sweep, metrics=metrics, over=tuple(axis for axis in axes if axis), fails=fails)
     return dataclasses.replace(config, tune=tune, ensemble=ensemble, sweep=sweep)
 
 

@@ -23,6 +23,10 @@ from .spellings import KINDS, NAMED, Toml, flat
 SECTIONS = ("scenario", "scenario.start", "simulate", "criteria", "ensemble", "tune", "tune.search", "pareto", "speed")
 SECTIONS += ("margins", "sweep", "identify")
 VEHICLES = ("unicycle", "car", "robot")
+SOURCES = {  # where the numbers of a path and of a disturbance come from: one of these
+    "scenario.path": ("file", "points", "along"),
+    "scenario.disturbance": ("file", "times"),
+}
 PRESETS = Path(__file__).with_name("presets")
 BUILT_IN = (*VEHICLES, "base", "ackermann", "forklift", "paper-goal", "all-gains")
 
@@ -199,9 +203,17 @@ def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> No
         if isinstance(value, Mapping) and isinstance(before, str) and at not in NAMED:
             before = into[name] = {"type": before}  # a name stands for its table
         if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
+            if _other_source(before, value, SOURCES.get(key, ())):  # begins anew: a corner's radius was of the old one
+                before = into[name] = {n: x for n, x in before.items() if n == "type"}
             _merge(before, value, key)
         elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
             into[name] = value  # and a section that is no table stays, to be refused
+
+
+def _other_source(before: Mapping[str, Toml], table: Mapping[str, Toml], sources: Sequence[str]) -> bool:
+    """Whether a table takes its numbers from elsewhere than the one `before` it."""
+    mine, given = ({name for name in sources if name in one} for one in (before, table))
+    return bool(mine and given and not mine & given)
 
 
 def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:

@@ -124,7 +124,7 @@ class Sweep:
     samples: int = number(1024, "1", SWEPT)
     controllers: tuple[str, ...] = ()
     metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
-    fails: dict[str, Bound] = dataclasses.field(default_factory=lambda: {"total_rmse": Bound()})
+    fails: dict[str, Bound] = OPEN  # more than `Bound()` of the first of `default_goals`
     radius: bool = True
     shard: int = number(8192, "1", MANY)
     dt: float = number(1e-2, "s", POSITIVE)

@@ -14,6 +14,7 @@ from agvjax.metric_table import METRICS
 from . import analysis, caveats
 from .analysis import Findings
 from .finer import baseline_of, before_and_after, judged, seen_and_unseen, tightened
+from .methods.objective import Objective
 from .problem import TuningProblem
 from .rounds import Outcome
 
@@ -26,7 +27,7 @@ class Summary(NamedTuple):
     latched: int
     unsettled: int
     size: int
-    worst_index: int  # scenario with the largest error
+    worst_index: int  # the scenario that is worst in the first goal
 
 
 class TuneVerdict(NamedTuple):
@@ -70,7 +71,8 @@ def judge(outcome: Outcome) -> TuneVerdict:
     parts = {"tuning": slice(None, config.ensemble.size), "validation": slice(seen.size, None)}
     metrics = outcome.metrics or before_and_after(problem, outcome.controller)
     before, after = (
-        {part: summary(jax.tree.map(lambda x, s=s: x[s], m)) for part, s in parts.items()} for m in metrics
+        {part: summary(jax.tree.map(lambda x, s=s: x[s], m), problem.tuner.objective) for part, s in parts.items()}
+        for m in metrics
     )
     tuned_on, new = (
         [jax.tree.map(lambda x, s=s: x[s], m) for m in metrics] for s in (slice(None, seen.size), parts["validation"])
@@ -135,8 +137,9 @@ def _conflict(outcome: Outcome, findings: Findings) -> list[str]:
     return [f"These limits are in conflict, lowering one raises another: {', '.join(against)}."]
 
 
-def summary(metrics: agvjax.Metrics) -> Summary:
-    """Summary of an ensemble's metrics; the worst index is of a diverged run where there is one."""
+def summary(metrics: agvjax.Metrics, objective: Objective) -> Summary:
+    """Summary of an ensemble's metrics; the worst run is that of the first goal, or a diverged one if there is any."""
+    goal = objective.goals[0].metric
     ok = np.asarray(metrics.ok)
     values = {name: np.asarray(metrics[name]) for name in metrics.names()}
     kept = {name: v[ok] for name, v in values.items()}
@@ -147,5 +150,5 @@ def summary(metrics: agvjax.Metrics) -> Summary:
         latched=int((~ok).sum()),
         unsettled=int((~caveats.settled(metrics) & ok).sum()),
         size=ok.size,
-        worst_index=int(np.argmax(values["total_rmse"])),
+        worst_index=int(np.argmax(np.where(ok, -values[goal] if METRICS[goal].large else values[goal], np.inf))),
     )

@@ -7,6 +7,7 @@ import agvjax
 from tuning.ensemble.worst import Found
 from tuning.tune import caveats
 from tuning.tune.gains import Gains
+from tuning.tune.judge import summary
 from tuning.tune.methods.objective import Objective, Requirement, within
 
 GOAL = (Requirement("total_rmse", "mean", 1.0),)
@@ -18,6 +19,7 @@ def metrics(rmse, *, late=0.01, settled=True, ok=True, command=1.0):
     three = lambda value: np.broadcast_to(np.asarray(value, float).reshape(-1, 1), (count, 3))  # noqa: E731
     same = dict.fromkeys(("iae", "ise", "itae", "overshoot"), three(1.0))
     commands = ("rms_command", "peak_command", "chatter", "rms_delivered", "peak_delivered", "variation_delivered")
+    commands += ("reversals_delivered",)
     return agvjax.Metrics(
         rmse=np.stack([rmse, np.zeros(count), np.zeros(count)], axis=1),
         rmse_late=three(late),
@@ -123,3 +125,12 @@ def test_commands_that_nothing_limits_and_that_rise_by_half_are_named():
     told = " ".join(cautions)
     for name in ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation"):
         assert f"mean {name} rose" in told and "(+70%)" in told
+
+
+@pytest.mark.parametrize("goal, worst", [("total_rmse", 1), ("rmse_late_x", 2)])
+def test_the_run_that_is_shown_as_the_worst_is_that_of_the_first_goal_or_one_that_diverged(goal, worst):
+    """A law that follows a route has no total_rmse: 0 in every run, and the first would be called the worst."""
+    objective = Objective(goals=(Requirement(goal, "mean", 1.0),), limits=())
+    runs = {"rmse": [0.1, 0.3, 0.2], "late": [0.01, 0.02, 0.05]}
+    assert summary(metrics(**runs), objective).worst_index == worst
+    assert summary(metrics(**runs, ok=[False, True, True]), objective).worst_index == 0

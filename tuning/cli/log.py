@@ -1,0 +1,51 @@
+"""`agvjax log`: what a recorded drive holds, what it can serve for, and what is missing."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from agvjax import Fault, InputError
+
+from ..identify import recorded
+from ..io.logs import READERS, is_recording, read
+from ..io.logs.roles import chosen
+from ..io.logs.rows import stamps_of, table
+from .console import Console
+from .folders import new_folder
+
+RULE = f"a recording that can be read: {', '.join(READERS)}, or the folder of a bag of ROS 2"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, say, draw; 1 where nothing can be identified from it."""
+    console, asked = Console(arguments.quiet), topics(arguments.topics)
+    if not is_recording(arguments.file):
+        raise InputError([Fault("FILE", arguments.file, RULE)])
+    rows = None
+    try:
+        with console.phases() as phases:
+            phase = phases.begin("reading", unit="messages")
+            recording = read(arguments.file, lambda count, total: phase.advance(count - phase.done))
+            found = chosen(recording, asked)
+            stamps = stamps_of(found, arguments.stamps or "")[0]
+            if found:
+                rows = table(recording, found, arguments.stamps or "")
+    except ValueError as error:
+        raise InputError([Fault("FILE", arguments.file, f"{RULE} ({error})")]) from error
+    out = new_folder(arguments.out, arguments.command)
+    text = recorded.write(recording, found, rows, out, stamps)
+    console.conclude(text, f"written to {out}; begin with {out}/report.html")
+    return 0 if {"pose", "command"} <= set(found) else 1
+
+
+def topics(given: Sequence[str]) -> dict[str, str]:
+    """By role a topic, of ROLE=TOPIC each.
+
+    Raises:
+        agvjax.InputError: one is not written so.
+    """
+    wrong = [text for text in given if "=" not in text]
+    if wrong:
+        raise InputError([Fault("--topics", wrong[0], "ROLE=TOPIC, as pose=/odom or command=/cmd_vel")])
+    return {role.strip(): topic.strip() for role, _, topic in (text.partition("=") for text in given)}

@@ -1,0 +1,161 @@
+"""What a recording holds and can serve for: a table, a picture of the drive, what was driven, what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..io.logs.recording import Recording, Stream
+from ..io.logs.roles import Role, missing, roles_of
+from ..io.logs.rows import Rows
+from ..io.pages import grid, picture, publish
+from ..io.panels import panels
+from ..io.pictures import write_figures
+
+STILL = 0.02  # m/s, and rad/s, below which a vehicle stands and does not turn
+SMALL = 0.25  # of the largest command: what is less is small, where a deadzone shows
+LEAST = 20.0  # s of a kind of driving, from which on something can be learned of it
+
+
+class Share(NamedTuple):
+    """For how long something was done."""
+
+    what: str
+    seconds: float
+    wanted: str  # what to drive where it is too little
+
+
+def shares(rows: Rows) -> list[Share]:
+    """For how long the vehicle drove forwards and backwards, turned each way, stood, and was told little."""
+    c, step = rows.columns, float(np.median(np.diff(rows.columns["t"])))
+    speed, turning = _speed(c), _turning(c)
+    found = [
+        Share("forwards", _seconds(speed > STILL, step), "drive forwards"),
+        Share("backwards", _seconds(speed < -STILL, step), "drive backwards"),
+        Share("turning left", _seconds(turning > STILL, step), "turn to the left while driving"),
+        Share("turning right", _seconds(turning < -STILL, step), "turn to the right while driving"),
+        Share("standing", _seconds((np.abs(speed) <= STILL) & (np.abs(turning) <= STILL), step), "stand now and then"),
+    ]
+    for name in ("cmd_v", "cmd_w", "speed_cmd", "steering_angle_cmd"):
+        if name in c and np.isfinite(c[name]).any():
+            most = float(np.nanmax(np.abs(c[name])))
+            little = (np.abs(c[name]) > 0) & (np.abs(c[name]) < SMALL * most)
+            words = f"small {name}, below {SMALL:.0%} of its largest, {most:.3g}"
+            found.append(Share(words, _seconds(little, step), f"creep: small {name} of either sign, slowly more"))
+    return found
+
+
+def _seconds(when: np.ndarray, step: float) -> float:
+    return float(np.sum(when)) * step
+
+
+def _speed(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Speed along the heading [m/s] of each row, NaN where it cannot be told: measured, or from pose to pose."""
+    if "speed" in c:
+        return c["speed"]
+    fine = np.isfinite(c["x"]) & np.isfinite(c["heading"])
+    t, x, y, turned = (c[name][fine] for name in ("t", "x", "y", "heading"))
+    speed = np.full(len(c["t"]), np.nan)
+    if t.size > 2:
+        speed[fine] = np.gradient(x, t) * np.cos(turned) + np.gradient(y, t) * np.sin(turned)
+    return speed
+
+
+def _turning(c: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Yaw rate [rad/s] of each row, NaN where it cannot be told."""
+    if "yaw_rate" in c:
+        return c["yaw_rate"]
+    fine, rate = np.isfinite(c["heading"]), np.full(len(c["t"]), np.nan)
+    if fine.sum() > 2:
+        rate[fine] = np.gradient(c["heading"][fine], c["t"][fine])
+    return rate
+
+
+def table(recording: Recording, stamps: str) -> str:
+    """The streams, a row each, then what is not read."""
+    header = ("topic", "type", "messages", "rate [Hz]", "gaps", "jitter [ms]", "stamps", "can serve as")
+    lines = [_line(stream, stamps) for stream in sorted(recording.streams, key=lambda s: s.topic)]
+    lines += [
+        (topic, kind.rpartition("/")[2], count, "", "", "", "", "nothing here")
+        for topic, (kind, count) in sorted(recording.unread.items())
+    ]
+    return grid(header, lines)
+
+
+def _line(stream: Stream, stamps: str) -> tuple[object, ...]:
+    usual, gaps, jitter = stream.regularity(stamps)
+    roles = ", ".join(f"{role.name} ({', '.join(role.tells)})" for role in roles_of(stream))
+    roles = roles or f"columns by name: {', '.join(list(stream.fields)[:3])}{' ...' * (len(stream.fields) > 3)}"
+    whose = "sender" if stamps == "header" and stream.header is not None else "arrival"
+    rate = f"{1 / usual:.4g}" if usual > 0 else ""
+    told = f"{1e3 * jitter:.3g}" if np.isfinite(jitter) else ""
+    return (stream.topic, stream.kind.rpartition("/")[2], stream.size, rate, gaps, told, whose, roles)
+
+
+def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share]) -> list[str]:
+    """What the recording is good for, a sentence each, the first one first."""
+    if lacks := missing(found):
+        return [f"Not good for identification: {'; '.join(lacks)}.", *_by_name(found)]
+    parts = ", ".join(f"{name} from {stream.topic}" for name, (stream, _) in found.items())
+    thin = [share for share in driven if share.seconds < LEAST]
+    if not thin:
+        return [f"Good for identification: {parts}."]
+    listed = "; ".join(f"{share.what}: {share.seconds:.0f} s" for share in thin)
+    wanted = "; ".join(share.wanted for share in thin)
+    return [
+        f"It can be read for identification ({parts}), but little was driven of some things: {listed}.",
+        f"What would complete it, half a minute of each: {wanted}.",
+    ]
+
+
+def _by_name(found: Mapping[str, tuple[Stream, Role]]) -> list[str]:
+    return [
+        "A quantity that stands in another topic is named in [identify.columns], as TOPIC.FIELD:"
+        ' cmd_v = "/drive_command.data[0]".'
+    ]
+
+
+def drive_figure(rows: Rows) -> Figure:
+    """Where the vehicle was, coloured by time, and what was told and measured over time."""
+    c = rows.columns
+    t = c["t"] - c["t"][0]
+    told = [name for name in ("cmd_v", "cmd_w", "speed_cmd", "steering_angle_cmd", "speed", "yaw_rate") if name in c]
+    figure, axes = panels(1 + len(told), 1, (8.0, 4.5 + 1.4 * len(told)), height_ratios=[3.0, *[1.0] * len(told)])
+    place = axes[0, 0]
+    if "x" in c:
+        fine = np.isfinite(c["x"])
+        dots = place.scatter(c["x"][fine], c["y"][fine], c=t[fine], s=3, cmap="viridis")
+        figure.colorbar(dots, ax=place, label="time [s]")
+        place.set_aspect("equal", adjustable="datalim")
+    place.set(xlabel="x [m]", ylabel="y [m]", title="where the vehicle was")
+    units = {"cmd_w": "rad/s", "yaw_rate": "rad/s", "steering_angle_cmd": "rad"}
+    for row, name in zip(axes[1:, 0], told, strict=True):
+        row.plot(t, c[name], ".", ms=1.5, color="0.2")
+        row.set_ylabel(f"{name}\n[{units.get(name, 'm/s')}]")
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def write(
+    recording: Recording, found: Mapping[str, tuple[Stream, Role]], rows: Rows | None, folder: Path, stamps: str
+) -> str:
+    """Report and figure into a folder; returns what a terminal has room for."""
+    driven = shares(rows) if rows is not None and "x" in rows.columns else []
+    said = verdict(found, driven)
+    notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows else ())]
+    picture_of = ""
+    if rows is not None and "x" in rows.columns:
+        write_figures(folder, {"drive": lambda: drive_figure(rows)})
+        caption = f"The drive of {recording.name}: where the vehicle was, what it was told, what was measured"
+        picture_of = picture("drive.png", caption)
+    sections = [f"# What {recording.name} holds", "\n\n".join(said), picture_of, "## Topics", table(recording, stamps)]
+    if driven:
+        sections += ["## What was driven", grid(("what", "seconds"), [(s.what, f"{s.seconds:.0f}") for s in driven])]
+    if notes:
+        sections += ["## How it was read", "\n".join(f"* {line}" for line in notes)]
+    publish(folder, "\n\n".join(part for part in sections if part))
+    return "\n\n".join([said[0], table(recording, stamps), *said[1:], *notes])
