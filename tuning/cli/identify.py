@@ -29,18 +29,19 @@ def run(arguments: argparse.Namespace) -> int:
     posed = task(arguments.logs, config) if arguments.logs else None
     unseen = room.to_predict(arguments.unseen, config, posed) if posed else ()
     out = new_folder(arguments.out, arguments.command)
-    more = ""
+    more, good = "", True
     try:
-        with console.parts("fitting", settings.drives + (settings.starts + ROUNDS if posed else 0)) as tick:
+        with console.parts("fitting", settings.drives + (settings.starts + ROUNDS + 1 if posed else 0)) as tick:
             if posed is None:
                 text = page.write_drive(room.first_drive(config, tick), out)
             else:
                 result = room.identified(config, posed, unseen, tick)
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
-                more += f", go on with agvjax tune --config {out}/scenario.toml" if result.verdict.identified else ""
+                good = result.conclusion.good
+                more += f", go on with agvjax tune --config {out}/scenario.toml" if good else ""
     except InputError:
         out.rmdir()  # nothing was written yet
         raise
     files.write(out / "config.toml", configuration.dump(config))
     console.conclude(text, f"written to {out}{more}")
-    return 0
+    return 0 if good else 1

@@ -31,7 +31,9 @@ def flag(name: str, help: str) -> Option:
 
 QUIET = flag("--quiet", "print nothing but errors")
 COMMON = (
-    many("--config", "FILE.toml", "read settings; may be repeated; unicycle, car, robot, base, forklift are built in"),
+    many(
+        "--config", "FILE.toml", "settings; may be repeated; built in: unicycle, car, robot, base, ackermann, forklift"
+    ),
     many("--set", "KEY=VALUE", "one setting, e.g. controller.k1=25; may be repeated"),
     many("--import", "FILE.py", "a file with classes of your own, which TOML then knows by name", dest="imports"),
     option("--out", metavar="DIR", help="where to write; a new folder (default: runs/COMMAND-TIME)"),

@@ -255,6 +255,8 @@ def _kind(key: str, default: Any, metadata: Any) -> str:
         return "true or false"
     if isinstance(default, str):
         return "a string"
+    if isinstance(default, tuple) and not default:
+        return "a list of names"
     if isinstance(default, (tuple, list, np.ndarray)) or np.ndim(default):
         return "a list of numbers"
     whole = isinstance(default, int) and (metadata.get("static") or "whole" in str(metadata.get("rule", "")))

@@ -27,7 +27,8 @@ SOURCES = {  # where the numbers of a path and of a disturbance come from: one o
     "scenario.path": ("file", "points", "along"),
     "scenario.disturbance": ("file", "times"),
 }
-PRESETS, BUILT_IN = Path(__file__).with_name("presets"), (*VEHICLES, "base", "forklift", "paper-goal", "all-gains")
+PRESETS = Path(__file__).with_name("presets")
+BUILT_IN = (*VEHICLES, "base", "ackermann", "forklift", "paper-goal", "all-gains")
 
 
 def load(

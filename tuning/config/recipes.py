@@ -203,6 +203,8 @@ def _places(table: Mapping[str, Toml], known: Sequence[str]) -> dict[str, Column
             _wrong(f"columns.{name}", value, str(error))
         if where[name].nanoseconds and name != "t":
             _wrong(f"columns.{name}.nanoseconds", where[name].nanoseconds, "left out but for t")
+        if where[name].quaternion:
+            _wrong(f"columns.{name}.quaternion", list(where[name].quaternion), "left out: only logs are read by one")
         units = KINDS[name].split() if known[0] != "t" or name == "t" else []  # of a disturbance SI alone
         if where[name].unit and where[name].unit not in units:
             _wrong(f"columns.{name}.unit", where[name].unit, f"one of {', '.join(units)}" if units else "absent")

@@ -17,7 +17,7 @@ NAMED = {  # tables of values by name, each with the keys of a value that is a t
     "ensemble.draws": KINDS,
     "tune.tied": (),
     "tune.bounds": (),
-    "identify.columns": ("column", "unit", "factor"),
+    "identify.columns": ("column", "unit", "factor", "quaternion"),
 }
 
 
@@ -123,14 +123,26 @@ def column(value: Toml, name: str) -> Column:
     """Where a quantity stands in a log; in a column of its own name unless another is said."""
     rule = '"the name of a column", or { column = "its name", unit = "deg", factor = -1 }, no factor 0'
     rule += '; of t, a second one for nanoseconds = "its name"'
+    rule += '; of heading also { quaternion = ["qx", "qy", "qz", "qw"] }, or z and w alone, without unit'
     table: Toml = {"column": value} if isinstance(value, str) else value
     if not isinstance(table, Mapping) or not set(table) <= set(Column._fields) or "." in name:
         raise ValueError(rule)
-    place = Column(**{"column": name, **table})
+    parts = table.get("quaternion", ())
+    if parts != () and not _quaternion(name, table):
+        raise ValueError(rule)
+    place = Column(**{"column": "" if parts else name, **table, "quaternion": tuple(parts)})
     words = all(isinstance(word, str) for word in (place.column, place.unit, place.nanoseconds))
     if not words or not _number(place.factor) or not np.isfinite(place.factor) or place.factor == 0:
         raise ValueError(rule)
     return place
+
+
+def _quaternion(name: str, table: Mapping[str, Toml]) -> bool:
+    """Whether a table tells a heading by the two or four columns of a quaternion, and nothing beside but a factor."""
+    parts = table["quaternion"]
+    named = isinstance(parts, (list, tuple)) and all(isinstance(part, str) and part for part in parts)
+    alone = not (table.get("column") or table.get("unit") or table.get("nanoseconds"))
+    return name == "heading" and named and alone and len(parts) in (2, 4) and len(set(parts)) == len(parts)
 
 
 def _spelled_span(axis: Span) -> Toml:
@@ -139,7 +151,9 @@ def _spelled_span(axis: Span) -> Toml:
 
 
 def _spelled_column(place: Column) -> Toml:
-    more = {name: x for name, x in place._asdict().items() if name != "column" and x not in ("", 1.0)}
+    more = {name: x for name, x in place._asdict().items() if name != "column" and x not in ("", 1.0, ())}
+    if place.quaternion:
+        return more | {"quaternion": list(place.quaternion)}
     return {"column": place.column, **more} if more else place.column
 
 

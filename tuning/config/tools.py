@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import agvjax
-from agvjax._pytree import NONNEGATIVE, POSITIVE, number
+from agvjax._pytree import ANY, NONNEGATIVE, POSITIVE, number
 from agvjax.metric_table import METRICS
 
 from ..ensemble.draws import Between, Span, Times
@@ -138,6 +138,7 @@ class Identify:
     Attributes:
         fit: what is fitted: groups (deadzone, delay, lag, disturbance, vehicle) or leaves of the scenario.
         columns: where a quantity stands in the log, where the log has another name, unit or sign for it.
+        ahead: how far ahead of the measured point, along its heading, the vehicle's reference point is.
         segment: length of a stretch that begins in a state of its own.
         memory: how long actuators remember commands, at most.
         gap: a longer step between rows than so many usual ones is a gap.
@@ -154,6 +155,7 @@ class Identify:
 
     fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
     columns: dict[str, Column] = dataclasses.field(default_factory=dict)
+    ahead: float = number(0.0, "m", ANY)
     segment: float = number(2.0, "s", LONG)
     memory: float = number(0.5, "s", MEMORY)
     gap: float = number(5.0, "1", FACTOR)

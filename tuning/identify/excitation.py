@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +20,12 @@ from scipy.stats import qmc
 
 import agvjax
 
-from .fit import Search, first_states, information, weighed
+from .fit import Search, information, weighed
 from .log import Log
 from .model import Model, compiled
 from .parameters import Parameter
 from .segments import Segments, cut
+from .states import first_states
 from .verdict import Z95, inverse
 
 SINES = 3  # in speed and in yaw rate
@@ -120,7 +121,7 @@ def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple
     first, second = share.reshape(2, -1)
     v, a = _sines(t, first, room.speed)
     w, alpha = _sines(t, second, room.yaw_rate)
-    needed = scenario.plant.needs(agvjax.Motion(v, w, a, alpha))
+    needed = scenario.plant.needs(motion(t, v, w, a, alpha))
     columns = []
     for name, limit in zip(scenario.plant.actuators, room.limits, strict=True):
         dead = agvjax.leaves(scenario.deadzone[name])
@@ -129,6 +130,15 @@ def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple
         left = d / float(dead["slope_left"]) - float(dead["threshold_left"])
         columns.append(np.clip(np.where(d > 0, right, left), -limit, limit))
     return t, np.column_stack(columns)
+
+
+def motion(t: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np.ndarray) -> agvjax.Motion:
+    """A motion of speed v, yaw rate w and their rates (N,), as every kind of plant is asked what it needs for it."""
+    heading = np.r_[0.0, np.cumsum(w[:-1] * np.diff(t))]
+    forth = np.column_stack([np.cos(heading), np.sin(heading)])
+    velocity, nothing = v[:, None] * forth, np.zeros_like(forth)
+    asked: Any = dict(position=nothing, velocity=velocity, acceleration=nothing, heading=heading, heading_rate=w)
+    return agvjax.Motion(v, w, a, alpha, agvjax.Reference(**asked))
 
 
 def _sines(t: np.ndarray, share: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,12 +13,13 @@ from agvjax import Deadzone
 
 from .excitation import Drive
 from .fit import Fit, Task
-from .log import columns_of
+from .log import Log, columns_of
+from .plain import twists
 from .predict import Prediction
 from .verdict import FitVerdict
 
 DRAWN = 300  # deadzones that make a band
-ACROSS = 3  # pictures beside each other
+ACROSS, SHOWN = 3, 9  # pictures beside each other, and in all: of more logs the worst
 PLANE = {"aspect": "equal", "xlabel": "x [m]", "ylabel": "y [m]"}
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
@@ -77,6 +78,19 @@ def _tiles(count: int, height: float) -> tuple[Figure, Sequence[Axes]]:
     return figure, axes[:count]
 
 
+def worst(errors: Sequence[float]) -> list[int]:
+    """Which logs are drawn: all, in their order, or of many those with the largest errors, the worst first."""
+    if len(errors) <= SHOWN:
+        return list(range(len(errors)))
+    return np.argsort(-np.asarray(errors), kind="stable")[:SHOWN].tolist()
+
+
+def _say_which(figure: Figure, picked: Sequence[int], errors: Sequence[float]) -> None:
+    """That only some of many logs are drawn."""
+    if len(picked) < len(errors):
+        figure.suptitle(f"the {len(picked)} worst of {len(errors)} logs, the worst first", fontsize="medium")
+
+
 def _commands(task: Task, actuator: str) -> np.ndarray:
     columns = columns_of(task.model.commands, actuator)
     return np.concatenate([log.inputs[:, columns].ravel() for log in task.logs])
@@ -84,6 +98,19 @@ def _commands(task: Task, actuator: str) -> np.ndarray:
 
 def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.asarray(Deadzone(**dict(zip(PARTS, numbers, strict=True)))(jnp.asarray(u)))
+
+
+def coverage(logs: Sequence[Log]) -> Figure:
+    """Speed and yaw rate, as the poses of the logs tell them."""
+    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+    axis = figure.subplots()
+    for log in logs:
+        moved = twists(log)
+        axis.plot(moved[:, 0], moved[:, 2], ".", ms=2, alpha=0.5)
+    axis.axhline(0.0, color="0.7", lw=0.8)
+    axis.axvline(0.0, color="0.7", lw=0.8)
+    axis.set(xlabel="speed [m/s], negative backwards", ylabel="yaw rate [rad/s], positive to the left")
+    return figure
 
 
 def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
@@ -112,9 +139,14 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
 
 def paths(task: Task, fit: Fit) -> Figure:
     """Where the vehicle was, and where the model has it in every stretch."""
-    figure, axes = _tiles(len(task.logs), 4.8)
     x, y = (fit.model.channels.index(name) for name in ("x", "y"))
-    for i, (log, axis) in enumerate(zip(task.logs, axes, strict=True)):
+    off = np.where(fit.segments.weight[..., [x, y]] > 0, fit.sums.residual[..., [x, y]], 0.0)
+    errors = [float((off[fit.segments.log == i] ** 2).sum()) for i in range(len(task.logs))]
+    picked = worst(errors)
+    figure, axes = _tiles(len(picked), 4.8)
+    _say_which(figure, picked, errors)
+    for i, axis in zip(picked, axes, strict=True):
+        log = task.logs[i]
         axis.plot(log.measured["x"], log.measured["y"], ".", ms=2, color="0.7", label="measured")
         of_log = fit.segments.log == i
         live = (fit.segments.live > 0) & (fit.segments.rows >= 0)
@@ -128,8 +160,11 @@ def paths(task: Task, fit: Fit) -> Figure:
 
 def predictions(logs: Sequence[Prediction]) -> Figure:
     """How the error of predictions grows."""
-    figure, axes = _tiles(len(logs), 3.4)
-    for prediction, axis in zip(logs, axes, strict=True):
+    errors = [prediction.rms for prediction in logs]
+    picked = worst(errors)
+    figure, axes = _tiles(len(picked), 3.4)
+    _say_which(figure, picked, errors)
+    for prediction, axis in zip([logs[i] for i in picked], axes, strict=True):
         for t, error in zip(prediction.t, prediction.errors, strict=True):
             there = np.isfinite(error)  # a line goes on over rows in which nothing was measured
             axis.plot(t[there], 1e3 * error[there], color="C0", lw=0.5, alpha=0.6)

@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
@@ -16,16 +14,18 @@ from agvjax import InputError
 
 from ..io.csv_file import Column
 from . import parameters as wanted
-from .log import POSE, Log
+from .log import Log
 from .misread import misread
 from .model import Model, Says, Sums, compiled
 from .parameters import OMEGA, SINUSOID, Parameter, sinusoidal
-from .segments import Counts, Segments, noise
+from .segments import Counts, Segments, noise, with_inputs
+from .states import first_states
 
 SETTLED = 2  # steps in which the states of the stretches follow the parameters
 TRIALS, LAST = 40, 25  # evaluations of a search from one start, and of those that refine it
 ROUNDS = 3  # of leaving out what fits too badly, and of weighing the channels by what is left
 FASTEST, SCANNED = 2 * np.pi, 60.0  # rad/s and s: where and in how much of the log a frequency is looked for
+SMALL = 5e-3  # of how far a channel moves within a stretch: less is no outlier, however little noise a log has
 WORTH = 30.0  # what the sum of squares must fall by, in variances, for a frequency to be believed
 
 
@@ -131,34 +131,6 @@ def information(sums: Sums, parameters: Sequence[Parameter]) -> np.ndarray:
     return sums.matrix.sum(axis=0) + np.diag(wanted.widths(parameters) ** -2.0)
 
 
-def first_states(model: Model, logs: Sequence[Log], segments: Segments) -> np.ndarray:
-    """A guess of every stretch's state (S, n), from straight lines through the first measurements.
-
-    What rolls goes aside at its reference point as fast as it turns: that the heading tells, which a short lever L of
-    the velocity would drown in noise.
-    """
-    guesses, lever = [], model.scenario.plant.lever()
-    for rows, live, which in zip(segments.rows, segments.live, segments.log, strict=True):
-        log = logs[which]
-        early = rows[(rows >= 0) & (live > 0)]
-        early = early[log.t[early] < log.t[early[0]] + 0.3]
-        t = log.t[early] - log.t[early[0]]
-        (vx, x), (vy, y), (turn, heading) = (_line(t, log.measured[name][early]) for name in POSE)
-        if lever is not None:
-            c, s = np.cos(heading), np.sin(heading)
-            along, across = vx * c + vy * s, float(lever) * turn
-            vx, vy = along * c - across * s, along * s + across * c
-        guesses.append([x, y, heading, vx, vy, turn])
-    return np.asarray(jax.vmap(model.start)(jnp.asarray(guesses)))
-
-
-def _line(t: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Slope of the straight line through measurements, and its value at t = 0."""
-    fine = np.isfinite(value)
-    value = value[fine]
-    return np.polyfit(t[fine], value, 1) if fine.sum() > 2 else np.array([0.0, value[0] if value.size else 0.0])
-
-
 def weighed(segments: Segments, sigma: np.ndarray) -> Segments:
     """The same stretches, each measurement that counts weighed by the variance of its channel."""
     return segments._replace(weight=(segments.weight > 0) / sigma**2)
@@ -204,12 +176,12 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
 
 def _doubt(task: Task, search: Search, cost: float, states: np.ndarray, free: np.ndarray) -> None:
     """Raise `InputError` where another reading of the commands explains a log that they do not explain as given."""
-    measurements, names = int((search.segments.weight > 0).sum()), task.model.commands
+    measurements, names = int((search.segments.weight > 0).sum()), task.logs[0].sent.names
     substep = max(log.step for log in task.logs) / task.model.substeps
 
     def fitted(matrix: np.ndarray) -> float:
-        logs = [log._replace(inputs=log.inputs @ matrix.T) for log in task.logs]
-        segments = search.segments._replace(inputs=search.segments.inputs @ matrix.T)
+        logs = [log._replace(inputs=log.sent.inputs(log.sent.values @ matrix.T)) for log in task.logs]
+        segments = with_inputs(search.segments, logs)
         parameters = wanted.parameters(task.model.scenario, task.model.names, logs, substep, task.memory)
         p = np.where(free | np.isin(task.model.names, OMEGA), wanted.values(parameters), 0.0)
         _, squares = Search(search.function, segments, parameters, states).run(p, free, TRIALS)
@@ -258,9 +230,18 @@ def _judged(search: Search, p: np.ndarray, outlier: float) -> Search:
     """The problem with what lies further off than `outlier` standard deviations left out, channels weighed anew."""
     sums, kept = search.sums(p), search.segments.weight > 0
     middle = np.array([_usual(np.abs(sums.residual[..., c][kept[..., c]])) for c in range(kept.shape[-1])])
-    kept = kept & (np.abs(sums.residual) <= outlier * np.maximum(1.4826 * middle, 1e-9))
+    usual = np.maximum(outlier * np.maximum(1.4826 * middle, 1e-9), SMALL * _travel(search.segments))
+    kept = kept & (np.abs(sums.residual) <= usual)
     sigma = _spread(sums, kept, len(p))
     return search.over(search.segments._replace(weight=kept / sigma**2), sums.states)
+
+
+def _travel(segments: Segments) -> np.ndarray:
+    """How far each channel (C,) usually moves within a stretch."""
+    kept, seen = segments.weight > 0, segments.seen
+    most = np.max(seen, axis=1, where=kept, initial=-np.inf)
+    least = np.min(seen, axis=1, where=kept, initial=np.inf)
+    return np.median(np.maximum(most - least, 0.0), axis=0)
 
 
 def _usual(size: np.ndarray) -> float:

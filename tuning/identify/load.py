@@ -2,49 +2,136 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
 from agvjax import Fault
+from agvjax.plants.base import Driven
 
-from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read
-from .log import LEAST_ROWS, MEASURED, POSE, Log, commands_of
-from .plausible import implausible
+from ..io import quaternion
+from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
+from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
+from .plausible import AS_QUATERNION, implausible
+
+TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
+NONE = Column("")
 
 
-def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column]) -> Log:
+# long: the checks stand in their order
+def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], ahead: float = 0.0) -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
+
+    Args:
+        file: the CSV file.
+        plant: as it is assumed; one that is driven by velocities may be told `TWIST` in place of its own commands,
+            which its own numbers (the track) then make of them.
+        columns: where quantities stand that have another name, unit or sign there.
+        ahead: how far ahead of the measured point, along its heading, the reference point is [m].
 
     Raises:
         agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
     """
-    commands = commands_of(plant)
-    names = ("t", *MEASURED, *commands)
-    if faults := _misnamed(columns, names):
+    commands, tongues = commands_of(plant), tongues_of(plant)
+    names = ("t", *MEASURED, *dict.fromkeys(itertools.chain(*tongues)))
+    named = [tongue for tongue in tongues if any(columns.get(name, NONE).parts for name in tongue)]
+    tongue = named[0] if named else tongues[0] if len(tongues) == 1 else None  # None: the file decides
+    needed = ("t", *POSE, *(tongue or ()))
+    if faults := _misnamed(columns, names, needed, kinds(plant)):
         raise agvjax.InputError(faults)
     where = _places(columns, names)
-    needed = [where[name].column for name in ("t", *POSE, *commands)]
-    asked = [where[name].column for name in columns if name in MEASURED and name in where]  # so it must be there
-    measured = [where[name].column for name in MEASURED if name in where]  # cells may be blank
-    must, time = list(dict.fromkeys([*needed, *asked])), where["t"]
+    asked = [name for name in columns if name in MEASURED and name in where]  # so it must be there
+    must, may = ([part for name in ns for part in where[name].parts] for ns in ((*needed, *asked), where))
+    blank = [part for name in MEASURED if name in where for part in where[name].parts]  # cells may be
+    must, time = list(dict.fromkeys(must)), where["t"]
+    more = [part for part in may if part not in must]
     try:
-        table = read(file, must, measured[len(POSE) :], LEAST_ROWS, time.column, measured, time.nanoseconds)
+        table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
+        tongue = tongue or _tongue(tongues, where, table)
+        values = _in_si(table, where)
     except ValueError as error:
-        rule = f"a log: a CSV file with {', '.join(needed)}, or others named in [identify.columns] ({error})"
-        raise agvjax.InputError([Fault("LOG.csv", str(file), rule)]) from error
-    with np.errstate(over="ignore"):  # of an absurd factor, which is refused below
-        values = {n: table[p.column] * UNITS.get(p.unit, 1.0) * p.factor for n, p in where.items() if p.column in table}
+        kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
+        rule = f"a log: a CSV file with t, {', '.join(POSE)} and {kinds_of}, or others named in [identify.columns]"
+        raise agvjax.InputError([Fault("LOG.csv", str(file), f"{rule} ({error})")]) from error
     if faults := _too_large(values, where):
         raise agvjax.InputError(faults)
-    origin, inputs = float(values["t"][0]), np.column_stack([values[name] for name in commands])
+    origin, given = float(values["t"][0]), np.column_stack([values[name] for name in tongue])
     seen = {name: values[name] for name in MEASURED if name in values}
-    log = Log(Path(file).name, origin, values["t"] - origin, inputs, commands, seen)
+    into = functools.partial(inputs_of, plant) if isinstance(plant, Driven) and tongue == TWIST else np.asarray
+    spoken = Sent(tongue, given, into)
+    log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken)
     if faults := implausible(log, where, not plant.commands_heading):
         raise agvjax.InputError(faults)
-    return log._replace(measured={**seen, "heading": _unwrapped(seen["heading"])})
+    return _from_ahead(log._replace(measured={**seen, "heading": _unwrapped(seen["heading"])}), ahead)
+
+
+def tongues_of(plant: agvjax.Plant) -> list[tuple[str, ...]]:
+    """The names under which a plant's commands may stand in a file: its own, or of velocities a twist."""
+    own = in_files(commands_of(plant))
+    return [own, TWIST] if isinstance(plant, Driven) else [own]
+
+
+def inputs_of(plant: Driven, twists: np.ndarray) -> np.ndarray:
+    """What the driver of a vehicle makes of twists (N, 2), with the numbers that it takes its vehicle to have."""
+    return np.asarray(jax.vmap(plant.asked)(jnp.asarray(twists)), float)
+
+
+def kinds(plant: agvjax.Plant) -> dict[str, list[str]]:
+    """By quantity of a log the units that its column may have."""
+    units = {c: plant.units.get(c.removesuffix("_x").removesuffix("_y"), "") for c in commands_of(plant)}
+    commands = dict(zip(in_files(list(units)), units.values(), strict=True))
+    twist = dict(zip(TWIST, ("m/s", "rad/s"), strict=True))
+    return {name: KINDS[name].split() for name in ("t", *MEASURED)} | {
+        name: units_like(unit) for name, unit in (commands | twist).items()
+    }
+
+
+def _tongue(
+    tongues: Sequence[tuple[str, ...]], where: Mapping[str, Column], table: Mapping[str, np.ndarray]
+) -> tuple[str, ...]:
+    """The first of them whose columns are all there.
+
+    Raises:
+        ValueError: of none they are.
+    """
+    for tongue in tongues:
+        if all(name in where and where[name].column in table for name in tongue):
+            return tongue
+    raise ValueError(f"it has no columns {', nor '.join(' and '.join(tongue) for tongue in tongues)}")
+
+
+def _in_si(table: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> dict[str, np.ndarray]:
+    """By our names what the columns say, in SI units."""
+    values = {}
+    with np.errstate(over="ignore"):  # of an absurd factor, which is refused later
+        for name, place in where.items():
+            if place.quaternion:
+                values[name] = place.factor * quaternion.heading(np.column_stack([table[c] for c in place.parts]))
+            elif place.column in table:
+                values[name] = table[place.column] * UNITS.get(place.unit, 1.0) * place.factor
+    return values
+
+
+def _from_ahead(log: Log, ahead: float) -> Log:
+    """The log of a point further ahead along the heading.
+
+    Raises:
+        agvjax.InputError: the log has velocities of the measured point, along x and y.
+    """
+    if not ahead:
+        return log
+    if wrong := [name for name in ("vx", "vy") if name in log.measured]:
+        rule = f'0 for a log with velocities of the measured point: leave them out, {wrong[0]} = ""'
+        raise agvjax.InputError([Fault("identify.ahead", ahead, f"{rule} in [identify.columns]")])
+    seen, heading = log.measured, log.measured["heading"]
+    moved = {"x": seen["x"] + ahead * np.cos(heading), "y": seen["y"] + ahead * np.sin(heading)}
+    return log._replace(measured={**seen, **moved})
 
 
 def _unwrapped(heading: np.ndarray) -> np.ndarray:
@@ -56,9 +143,9 @@ def _unwrapped(heading: np.ndarray) -> np.ndarray:
 
 def _places(columns: Mapping[str, Column], names: Sequence[str]) -> dict[str, Column]:
     """Where each name stands: by its own name unless another has that column; not the ones that are not to be read."""
-    taken = {place.column for place in columns.values()}
+    taken = {part for place in columns.values() for part in place.parts}
     where = {name: columns.get(name, Column("" if name in taken else name)) for name in names}
-    return {name: place for name, place in where.items() if place.column}
+    return {name: place for name, place in where.items() if place.parts}
 
 
 def _too_large(values: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> list[Fault]:
@@ -70,25 +157,27 @@ def _too_large(values: Mapping[str, np.ndarray], where: Mapping[str, Column]) ->
     ]
 
 
-def _misnamed(columns: Mapping[str, Column], names: Sequence[str]) -> list[Fault]:
+def _misnamed(
+    columns: Mapping[str, Column], names: Sequence[str], needed: Sequence[str], units: Mapping[str, Sequence[str]]
+) -> list[Fault]:
     """Columns of no such name, of a unit that is none of theirs, or given to two names."""
     faults = [
-        Fault(f"identify.columns.{name}", columns[name].column, f"one of {', '.join(names)}")
+        Fault(f"identify.columns.{name}", columns[name].words, f"one of {', '.join(names)}")
         for name in columns
         if name not in names
     ]
-    needed = [name for name in names if name not in MEASURED[len(POSE) :]]
     for name, place in columns.items():
-        if not place.column and name in needed:
+        if not place.parts and name in needed:
             faults.append(Fault(f"identify.columns.{name}", place.column, "the name of a column: a log needs it"))
         if place.nanoseconds and (name != "t" or place.unit not in ("", "s")):
             rule = "left out but for t, in seconds"
             faults.append(Fault(f"identify.columns.{name}.nanoseconds", place.nanoseconds, rule))
-        units = KINDS[name].split() if name in KINDS else UNITS
-        if place.unit and place.unit not in units:
-            faults.append(Fault(f"identify.columns.{name}.unit", place.unit, f"one of {', '.join(units)}"))
-        twice = [other for other in columns if other != name and columns[other].column == place.column != ""]
-        twice += [other for other in needed if other not in columns and other == place.column != name]
+        if place.unit and place.unit not in units.get(name, UNITS):
+            rule = f"one of {', '.join(units.get(name, UNITS))}"
+            rule += f"; a quaternion is {AS_QUATERNION}" if name == "heading" else ""
+            faults.append(Fault(f"identify.columns.{name}.unit", place.unit, rule))
+        twice = [other for other in columns if other != name and set(columns[other].parts) & set(place.parts)]
+        twice += [other for other in needed if other not in columns and other in place.parts and other != name]
         if twice:
-            faults.append(Fault(f"identify.columns.{name}", place.column, f"another column than that of {twice[0]}"))
+            faults.append(Fault(f"identify.columns.{name}", place.words, f"another column than that of {twice[0]}"))
     return faults

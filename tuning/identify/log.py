@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -18,6 +18,14 @@ LEAST_ROWS = 50
 CLEAR = 12.0  # deviations between the lowest and the highest of many medians, from which they differ
 
 
+class Sent(NamedTuple):
+    """Commands as a file has them, and what inputs of the plant they are."""
+
+    names: tuple[str, ...]  # of the columns, k of them
+    values: np.ndarray  # (N, k)
+    inputs: Callable[[np.ndarray], np.ndarray]  # of such numbers
+
+
 class Log(NamedTuple):
     """A drive. What was commanded in a row holds until the next one."""
 
@@ -27,6 +35,12 @@ class Log(NamedTuple):
     inputs: np.ndarray  # (N, m), in the order of the plant's actuators
     commands: tuple[str, ...]  # names of the inputs
     measured: dict[str, np.ndarray]  # by channel (N,); NaN where nothing was measured
+    spoken: Sent | None = None  # None: the file has the inputs themselves, by their own names
+
+    @property
+    def sent(self) -> Sent:
+        """The commands as the file has them."""
+        return self.spoken or Sent(self.commands, self.inputs, lambda values: values)
 
     @property
     def step(self) -> float:
@@ -39,9 +53,14 @@ def commands_of(plant: agvjax.Plant) -> tuple[str, ...]:
     zeros: dict[str, Any] = dict.fromkeys(plant.actuators, np.zeros(()))
     zeros |= {"position": np.zeros(2)} if plant.feedthrough else {}
     seen = plant.output(plant.start(agvjax.Start()), zeros)
-    asked = plant.allocate(agvjax.Command(position=jnp.zeros(2), heading=jnp.zeros(())), seen)
+    asked = plant.allocate(agvjax.Command(position=jnp.zeros(2), heading=jnp.zeros(()), twist=jnp.zeros(2)), seen)
     columns = [[f"{name}_x", f"{name}_y"] if np.ndim(asked[name]) else [name] for name in plant.actuators]
     return tuple(itertools.chain(*columns))
+
+
+def in_files(commands: Sequence[str]) -> tuple[str, ...]:
+    """The names of commands in a file, where what is measured may have the same name: `speed_cmd` beside `speed`."""
+    return tuple(f"{name}_cmd" if name in MEASURED else name for name in commands)
 
 
 def columns_of(commands: Sequence[str], actuator: str) -> list[int]:

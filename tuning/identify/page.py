@@ -15,25 +15,27 @@ from ..io.files import Json
 from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
+from .coverage import Covered
 from .excitation import Drive
+from .log import in_files
 from .posterior import posterior
 from .run import Identified
-from .verdict import FitVerdict
+from .verdict import FitVerdict, coloured
 
 UNKNOWN = "not identifiable"
-COLOURED = 0.3  # correlation from row to row above which the model lacks something
 MANY = 0.03  # share of outliers beyond which something else is wrong
 CAPTIONS = {
     "deadzones": "What every actuator delivers over what it is told, with the 95 % interval; and how often each"
     " command came.",
     "excitation": "Commands of the suggested drive, and where it leads.",
-    "predictions": "How the error of the prediction grows with time, on drives that were not fitted.",
+    "predictions": "How the error of the prediction grows with time, on drives not fitted; of many the worst.",
     "residuals": "What the model leaves unexplained, in standard deviations, over time; and its distribution beside the"
     " normal.",
-    "paths": "Where the vehicle was, and where the fitted model has it in every stretch.",
+    "coverage": "What was driven: speed and yaw rate, by half seconds.",
+    "paths": "Where the vehicle was, and where the fitted model has it in every stretch; of many logs the worst.",
 }
 ABSENT, READ = "What was looked for and is not there", "What was read"
-MOST = 6  # parameters that a terminal is told
+MOST, SOME = 6, 3  # parameters, and unseen logs, that a terminal is told
 FEW = 10  # stretches below which the bootstrap says little
 COUNTED = {  # the fields of `Counts` in words
     "rows": "rows",
@@ -44,8 +46,10 @@ COUNTED = {  # the fields of `Counts` in words
     "blank": "measurements that are not there",
     "outliers": "measurements left out as outliers",
 }
+COMPLETE = "Five minutes of these, levels held for a second or two and half a minute of each, would complete it."
 METHOD = (
     "Each window begins in the state that fits one second of measurements before it; then only the commands are known."
+    " Plain models, learned from the same logs, see the same."
     " A sinusoid in the disturbance is left out, its phase in another drive being unknown."
 )
 TUNE = (
@@ -63,6 +67,7 @@ def write(config: Config, result: Identified, out: Path) -> str:
     drawn: dict[str, Drawing] = {
         "residuals": lambda: figures.residuals(fit, verdict),
         "paths": lambda: figures.paths(result.task, fit),
+        "coverage": lambda: figures.coverage(result.task.logs),
     }
     if figures.fitted(result.task, verdict):
         drawn["deadzones"] = lambda: figures.deadzones(result.task, fit, verdict)
@@ -83,7 +88,7 @@ def write_drive(drive: Drive, out: Path) -> str:
 
 def _write_drive(drive: Drive, out: Path) -> list[str]:
     """The same; returns what could not be drawn."""
-    header = ["t", *drive.commands, "expected_x", "expected_y", "expected_heading"]
+    header = ["t", *in_files(drive.commands), "expected_x", "expected_y", "expected_heading"]
     rows = np.column_stack([drive.t, drive.inputs, drive.path, drive.heading]).round(6).tolist()
     files.write_csv(out / "excitation.csv", header, rows)
     return write_figures(out, {"excitation": lambda: figures.drive(drive)})
@@ -94,8 +99,11 @@ def estimates(result: Identified) -> Json:
     fit, verdict = result.fit, result.verdict
     numbers = ("unit", "value", "deviation", "gauss_newton", "bootstrap", "low", "high", "identified")
     shown = {e.name: numbers if e.identified else ("identified", "reason", "drive") for e in verdict.estimates}
-    errors = ("log", "horizon", "windows", "worst", "rms")
+    errors = ("log", "horizon", "windows", "worst", "rms", "plain")
     return {
+        "good": result.conclusion.good,
+        "lacks": list(result.covered.lacks),
+        "conclusion": result.conclusion.text,
         "logs": [log.name for log in result.task.logs],
         "counts": fit.counts._asdict(),
         "noise": dict(zip(fit.model.channels, fit.sigma.tolist(), strict=True)),
@@ -126,18 +134,45 @@ def brief(result: Identified) -> str:
     known = [e for e in everything if e.identified]
     rows = [[e.name, f"{e.value:.4g}", f"{e.low:.4g} to {e.high:.4g}", e.unit] for e in known[:MOST]]
     head = f"{result.verdict.identified} of {len(everything)} parameters are identified."
-    parts = [head, *_warnings(result)]
+    lacks = [lacking(result.covered)] if result.covered.lacks else []
+    parts = [result.conclusion.text, head, *lacks, *_warnings(result)]
     if rows:
         more = f"\nand {len(known) - MOST} more, in the report" if len(known) > MOST else ""
         parts.append(grid(["parameter", "value", "95 % interval", "unit"], rows) + more)
-    return "\n\n".join([*parts, *([predicted(result)] if result.predictions else [])])
+    return "\n\n".join([*parts, *([predicted(result, SOME)] if result.predictions else [])])
 
 
-def predicted(result: Identified) -> str:
-    """How well other drives are predicted."""
-    rows = [[p.log, p.windows, f"{1e3 * p.worst:.1f}", f"{1e3 * p.rms:.1f}"] for p in result.predictions]
-    horizon = result.predictions[0].horizon
-    return grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]"], rows)
+def driven(covered: Covered) -> str:
+    """What logs have driven, before anything is made of it, and what a drive that completes them has."""
+    shares = [[name, f"{share:.0%}"] for name, share in covered.shares.items()]
+    rows = [[c, f"{low:.3g} to {high:.3g}", f"{small:.0%}", turns] for c, low, high, small, turns in covered.commands]
+    return "\n\n".join(
+        [
+            grid(["the vehicle goes", "share of the time"], shares),
+            grid(["command", "from least to most", "small ones", "times up or down"], rows),
+            lacking(covered) or "It has something of everything.",
+            _picture("coverage"),
+        ]
+    )
+
+
+def lacking(covered: Covered) -> str:
+    """What a log lacks, as the drive that would complete it; empty where that is nothing."""
+    if not covered.lacks:
+        return ""
+    return f"It lacks, or has hardly any: {', '.join(covered.lacks)}. {COMPLETE}"
+
+
+def predicted(result: Identified, most: int | None = None) -> str:
+    """How well other drives are predicted, beside plain models; of many `most`, the worst."""
+    logs = result.predictions if most is None else sorted(result.predictions, key=lambda p: -p.rms)[:most]
+    names = list(dict.fromkeys(name for p in logs for name in p.plain))
+    errors = [[p.worst, p.rms, *(p.plain.get(name, np.nan) for name in names)] for p in logs]
+    rows = [[p.log, p.windows, *(f"{1e3 * x:.1f}" for x in own)] for p, own in zip(logs, errors, strict=True)]
+    horizon, others = logs[0].horizon, [f"rms with {name} [mm]" for name in names]
+    text = grid(["unseen log", "windows", f"largest error within {horizon:g} s [mm]", "rms [mm]", *others], rows)
+    left = len(result.predictions) - len(logs)
+    return text + (f"\nand {left} more, which are predicted better, in the report" if left else "")
 
 
 def _warnings(result: Identified) -> list[str]:
@@ -145,7 +180,7 @@ def _warnings(result: Identified) -> list[str]:
     outliers, stretches, (best, starts) = fit.counts.outliers, fit.counts.segments, fit.arrived
     rows = int((fit.segments.weight > 0).sum()) + outliers
     lost = ", ".join(e.name for e in verdict.estimates if e.drive)
-    coloured = ", ".join(name for name, x in verdict.white.items() if x > COLOURED)
+    left = ", ".join(coloured(verdict))
     warnings = {
         "Nothing is identified: scenario.toml holds what was assumed, and no other drive is predicted.": (
             not verdict.identified
@@ -154,9 +189,9 @@ def _warnings(result: Identified) -> list[str]:
         f"{outliers} of {rows} measurements were left out as outliers: too many for a sound log.": (
             outliers > MANY * rows
         ),
-        f"What is left of {coloured} is no white noise: the model lacks something there, and values may"
+        f"What is left of {left} is no white noise: the model lacks something there, and values may"
         " be off by more than their intervals say, which take the bootstrap's deviations where those are wider."
-        " Fit more (--fit), or another kind of vehicle.": coloured,
+        " Fit more (--fit), or another kind of vehicle.": left,
         f"Only 1 of {starts} starts ended at the best fit: try more, identify.starts.": best == 1 < starts,
         f"Only {stretches} stretches: the bootstrap says little; record a longer drive.": stretches < FEW,
         "The logs have no clock in common: no sinusoid in the disturbance was looked for.": (
@@ -175,6 +210,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
     counts = result.fit.counts._asdict()
     parts = [
         f"# {_title(result)}",
+        result.conclusion.text,
         f"{result.verdict.identified} of {len(everything)} parameters are identified.",
         *_warnings(result),
         table(result.verdict),
@@ -188,6 +224,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
             "## What this drive does not tell",
             grid(["parameter", "why", "what would tell it", "in scenario.toml"], lost),
         ]
+    parts += ["## What was driven", driven(result.covered)]
     if absent:
         parts += [f"## {ABSENT}", grid(["parameter", ""], absent)]
     if drive is not None:

@@ -15,15 +15,26 @@ from agvjax.protocols import Element
 from .log import Log, columns_of
 
 GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle")
-VEHICLE = {  # what of a plant a drive can tell; masses go with the slopes of the deadzones and are weighed instead
+# What of a plant a drive can tell. Masses, wheels' sizes and wheelbases go with the slopes of the deadzones: they are
+# weighed and measured instead.
+VEHICLE = {
     agvjax.Unicycle: ("L",),
     agvjax.DifferentialDrive: ("L", "inertia", "friction", "viscous", "caster_friction", "creep"),
     agvjax.KinematicSingleTrack: ("L",),
+    agvjax.Base: ("track", "time_constant", "acceleration", "drift"),
+    agvjax.TwistBase: ("drift",),
+    agvjax.Ackermann: ("time_constant", "acceleration", "steering_time", "steering_rate", "drift"),
 }
+LAGS = {  # of plants whose motors lag by themselves: no further lag can be told from theirs
+    agvjax.Base: ("time_constant",),
+    agvjax.Ackermann: ("time_constant", "steering_time"),
+}
+ALIKE = {"plant.drift": "disturbance.heading.constant"}  # both add to the yaw rate: a group asks for the first alone
 SINUSOID = ("cosine", "sine")
 LONGEST = 2.0  # memories, of a lag; of a delay one
 ELEMENTS = {"delay": (agvjax.Delay, "time"), "lag": (agvjax.Lag, "time_constant")}  # the group's class and its number
 OMEGA = "disturbance.omega"
+DRIFT = 5e-3  # rad/s, by which a yaw rate may be unknown: a third of a degree per second
 
 
 class Parameter(NamedTuple):
@@ -51,10 +62,12 @@ def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float, memor
     Delays can be looked for up to `memory` [s], in commands that change every `period` [s].
     """
     chains = dict(scenario.actuators)
-    for group, (element, _) in ELEMENTS.items():
+    for group, (element, number) in ELEMENTS.items():
         for name in scenario.plant.actuators:
             parts = parts_of(chains[name]) if name in chains else {}
-            if group in fit and not any(isinstance(part, element) for part in parts.values()):
+            asked = group in fit and not (group == "lag" and type(scenario.plant) in LAGS)
+            asked |= f"actuators.{name}.{group}.{number}" in fit
+            if asked and not any(isinstance(part, element) for part in parts.values()):
                 parts = {group: element()} | parts
             for key, part in parts.items():
                 if isinstance(part, agvjax.Delay):  # long enough a memory for the longest delay that is tried
@@ -85,7 +98,10 @@ def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
         parts = [(name, parts_of(chain)) for name, chain in scenario.actuators.items()]
         keys = [(name, key) for name, chain in parts for key, part in chain.items() if isinstance(part, element)]
         groups[group] = [f"actuators.{name}.{key}.{number}" for name, key in keys]
-    return tuple(dict.fromkeys(name for entry in fit for name in groups.get(entry, [entry])))
+    groups["lag"] += [f"plant.{name}" for name in LAGS.get(type(scenario.plant), ())]
+    names = dict.fromkeys(name for entry in fit for name in groups.get(entry, [entry]))
+    twice = {other for name, other in ALIKE.items() if name in names and other not in fit}
+    return tuple(name for name in names if name not in twice)
 
 
 def unknown(scenario: agvjax.Scenario, fit: Sequence[str]) -> list[str]:
@@ -138,10 +154,13 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
     size = abs(value) or 1.0
     above = sign and rule is not None and rule.text == "> 0"
     low = value - 20 * size if not sign else 0.02 * size if above else 0.0
+    if name in {f"plant.{lag}" for lags in LAGS.values() for lag in lags}:
+        low = max(low, substep / 2)  # the shortest that a substep integrates
     high = min(value + 20 * size, np.inf if rule is None else rule.high)
-    shift = ": shift the pose to a point further ahead of the axle" if last == "L" else ""
+    shift = ": shift the pose to a point further ahead of the axle (identify.ahead, m)" if last == "L" else ""
     least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
-    return Parameter(name, unit, value, low, high, size, 0.0, least, "" if rule and high == rule.high else around)
+    floor = DRIFT if name == "plant.drift" else 0.0
+    return Parameter(name, unit, value, low, high, size, floor, least, "" if rule and high == rule.high else around)
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
     """Columns that cannot be in the unit they are taken for, by the others; what `rolls` goes the way it looks."""
 
     def suspect(name: str, looks: str, why: str) -> Fault:
-        column, taken = where[name].column, where[name].unit or "SI"
+        column, taken = where[name].words, where[name].unit or "SI"
         mended = f'{{ column = "{column}", unit = "{looks}" }}'
         rule = f"in the unit it is taken for: {why}; if it is in {looks}, say {mended}"
         return Fault(f"identify.columns.{name}", f"{column} in {taken}", rule)
@@ -65,17 +65,18 @@ def implausible(log: Log, where: Mapping[str, Column], rolls: bool) -> list[Faul
         faults.append(suspect("heading", "deg", why))
     if reading.words:
         rule = f"along the way that the vehicle goes, forwards or backwards; {reading.words}"
-        faults.append(Fault("identify.columns.heading", f"{where['heading'].column} of {log.name}", rule))
+        faults.append(Fault("identify.columns.heading", f"{where['heading'].words} of {log.name}", rule))
     return faults or _rates(log, where, rows, suspect)
 
 
 def _wild(log: Log, where: Mapping[str, Column]) -> list[Fault]:
     """Commands so far beyond the usual ones that they stand for something else; measurements like that are outliers."""
     faults = []
-    for name, u in zip(log.commands, np.abs(log.inputs).T, strict=True):
+    for name, given in zip(log.sent.names, log.sent.values.T, strict=True):
+        u = np.abs(given)
         usual = float(np.median(u[u > 0])) if np.any(u > 0) else 0.0
         if u.max() > WILD * usual:
-            at = f"{log.inputs[u.argmax(), log.commands.index(name)]:g} at t = {log.t[u.argmax()]:g} s of {log.name}"
+            at = f"{given[u.argmax()]:g} at t = {log.t[u.argmax()]:g} s of {log.name}"
             rule = f"a command at most {WILD:g} times as large as is usual, {usual:g}; a row without one is left out"
             faults.append(Fault(f"identify.columns.{name}", f"{where[name].column}: {at}", rule))
     return faults
@@ -175,13 +176,17 @@ class HeadingReading(NamedTuple):
 
 
 AS_GIVEN = HeadingReading(False, "")
-ASTRAY = "it is not, nor clockwise, in degrees or with x and y exchanged; of a quaternion it is 2 atan2(z, w)"
+AS_QUATERNION = 'heading = { quaternion = ["qx", "qy", "qz", "qw"] }, or its z and w alone'
+ASTRAY = "it is not, nor clockwise, in degrees or with x and y exchanged; of a quaternion it is 2 atan2(z, w): say "
+ASTRAY += AS_QUATERNION
+PART = f"it is where the column is z of a quaternion: say {AS_QUATERNION}"
 TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
     "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
     "it is where heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
 }
 SKEW = 0.05  # rad, between where a vehicle looks and where it goes: more is another frame, or a sensor mounted so
+HALF = 3.0  # times closer it comes with twice the angle, to be taken for a part of a quaternion
 TIED = 0.6  # square of the correlation of way and turn, as on a circle, from which neither tells the angle
 FEW, SHARP = 5, 0.5  # stretches by which a heading can be judged; rad, a turn within one that says too little
 
@@ -207,20 +212,32 @@ def _reading(path: np.ndarray, heading: np.ndarray, noise: float) -> HeadingRead
     for degrees in (False, True):
         for words, turn in TURNED.items():
             h = turn(np.deg2rad(heading) if degrees else heading)
-            middle, turned = h[(first + last) // 2], np.asarray(wrap(h[last] - h[first]))
-            aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
-            ahead = aside @ turned / max(turned @ turned, 1e-12)  # m, of the reference point before the axle that rolls
-            share = np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)
-            off[HeadingReading(degrees, words)] = float(np.median(share))
+            off[HeadingReading(degrees, words)] = _aside(moved, h[first], h[(first + last) // 2], h[last])
     best = min(off, key=lambda reading: off[reading])
     if off[AS_GIVEN] > WRONG and off[best] < WRONG / 2:
         return best
+    if np.abs(heading).max() <= 1:
+        h = 2 * np.arcsin(heading)
+        if _aside(moved, h[first], h[(first + last) // 2], h[last]) * HALF < off[AS_GIVEN] > SKEW:
+            return HeadingReading(False, PART)
     turned, middle = np.arcsin(np.sin(0.5 * (heading[last] - heading[first]))), heading[(first + last) // 2]
     straight = np.abs(np.sin(np.arctan2(moved[:, 1], moved[:, 0]) - middle))[np.abs(turned) < SHARP / 2]
     astray = straight.size >= FEW and np.median(straight) > WRONG
     if skew := _skew(moved, middle, 2 * turned):
         return HeadingReading(False, f"it is off by the same angle throughout: add {skew:.2g} rad to the column")
     return HeadingReading(False, ASTRAY) if off[AS_GIVEN] > WRONG and astray else AS_GIVEN
+
+
+def _aside(moved: np.ndarray, begins: np.ndarray, middle: np.ndarray, ends: np.ndarray) -> float:
+    """How far to the side of where it looks a vehicle usually goes, as a share of its way, along stretches (n, 2).
+
+    What its reference point swings out by, being ahead of the axle that rolls, is not counted.
+    """
+    apart: Any = ends - begins
+    turned = np.asarray(wrap(apart))
+    aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
+    ahead = aside @ turned / max(turned @ turned, 1e-12)  # m
+    return float(np.median(np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)))
 
 
 def _skew(moved: np.ndarray, middle: np.ndarray, turned: np.ndarray) -> float:

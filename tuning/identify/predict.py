@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from .fit import Fit, first_states, weighed
-from .log import Log
+import agvjax
+
+from .fit import Fit, weighed
+from .log import POSE, Log
 from .model import compiled
 from .parameters import SINUSOID, sinusoidal
+from .plain import Plain, driven, led
 from .segments import Segments, cut, leaps, widened
+from .states import first_states
 
 SEEN = 1.0  # s, from which the state is found at which a prediction begins
 SETTLED = 6
@@ -28,6 +32,7 @@ class Prediction(NamedTuple):
     rms: float  # m
     t: np.ndarray  # (W, K), s since the prediction began
     errors: np.ndarray  # (W, K), m; NaN before that and where nothing was measured
+    plain: Mapping[str, float] = {}  # m, rms of plain models over the same windows, by name
 
 
 def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
@@ -61,8 +66,10 @@ def _brief(segments: Segments, fit: Fit, step: float) -> Segments:
     return weighed(widened(cut_off, width, step), fit.sigma)
 
 
-def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: float) -> list[Prediction]:
-    """Logs that the fit has not seen. A sinusoid of the disturbance is left out: its phase in another drive is unknown.
+def predict(
+    fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: float, beside: Sequence[Plain] = ()
+) -> list[Prediction]:
+    """Logs ahead, by the fit and by plain models. A sinusoid of the disturbance is left out: its phase is unknown.
 
     Each must be long enough for a window: see `windows`.
     """
@@ -80,5 +87,20 @@ def predict(fit: Fit, logs: Sequence[Log], horizon: float, memory: float, gap: f
         x, y = (fit.model.channels.index(name) for name in ("x", "y"))
         error = np.where(counted, np.hypot(residual[..., x], residual[..., y]), np.nan)
         worst, rms = float(np.nanmax(error)), float(np.sqrt(np.nanmean(error**2)))
-        predictions.append(Prediction(log.name, horizon, len(error), worst, rms, since, error))
+        others = {model.name: _rms_of(model, fit.model.scenario.plant, log, segments, counted) for model in beside}
+        plain = {name: rms for name, rms in others.items() if np.isfinite(rms)}  # of a log that shows no pose none is
+        predictions.append(Prediction(log.name, horizon, len(error), worst, rms, since, error, plain))
     return predictions
+
+
+def _rms_of(model: Plain, plant: agvjax.Plant, log: Log, windows: Segments, counted: np.ndarray) -> float:
+    """The error of a plain model over the same windows [m]; each sees what the fit sees."""
+    motion, squares = driven(model, plant, log), []
+    places = [list(log.measured).index(name) for name in POSE]
+    for rows, live, weight, counts in zip(windows.rows, windows.live, windows.weight, counted, strict=True):
+        there = (rows >= 0) & (live > 0)
+        at, seen = rows[there], (weight[there][:, places] > 0).all(axis=1)
+        if seen.any():
+            off = led(motion, log, at, seen) - np.column_stack([log.measured["x"], log.measured["y"]])[at]
+            squares.append((off**2).sum(axis=1)[counts[there]])
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else np.nan

@@ -7,20 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-import agvjax
 from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..config.settings import Config
-from .excitation import Designer, Drive, Room
+from .conclusion import Conclusion, conclude
+from .coverage import Covered, covered
+from .excitation import Designer, Drive, Room, motion
 from .fit import Fit, Task
 from .log import Log, commands_of, same_channels, same_drive
 from .model import Model
 from .parameters import Parameter, parameters, values
+from .plain import plain_models
 from .predict import Prediction, predict, windows
 from .rules import faults
 from .task import model_of, read, task
-from .verdict import FitVerdict, settled
+from .verdict import FitVerdict, coloured, settled
 
 Tick = Callable[[str], object]  # is told the name of each part of the work as it ends
 ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # channels and noise where no log tells them
@@ -33,6 +35,8 @@ class Identified(NamedTuple):
     fit: Fit
     verdict: FitVerdict
     predictions: list[Prediction]  # none where nothing is identified
+    conclusion: Conclusion
+    covered: Covered  # what the logs have driven
     drive: Drive | None  # a suggestion; None where none was asked for, or the plant does not say what a motion needs
 
 
@@ -83,12 +87,18 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
     settings, drive = config.identify, None
     fitted, verdict = settled(posed, settings, config.seed, tick)
     predictions: list[Prediction] = []
-    if unseen and verdict.identified:  # or it would be the assumed vehicle that predicts
-        predictions = predict(fitted, unseen, settings.horizon, settings.memory, settings.gap)
+    ahead: list[Prediction] = []
+    if verdict.identified:  # or it would be the assumed vehicle that predicts
+        pace = settings.horizon, settings.memory, settings.gap
+        long = [log for log in posed.logs if windows(log, *pace)]  # the logs themselves, where there is no other
+        ahead = predict(fitted, unseen or long, *pace, plain_models(config.scenario.plant, posed.logs))
+        predictions = ahead if unseen else []
+    tick("predicted")
+    said = conclude(posed.logs, fitted, verdict, coloured(verdict), ahead, not unseen)
     if settings.drives and _says_needs(config):
         p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)
-    return Identified(posed, fitted, verdict, predictions, drive)
+    return Identified(posed, fitted, verdict, predictions, said, covered(config.scenario, posed.logs), drive)
 
 
 def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
@@ -112,8 +122,7 @@ def first_drive(config: Config, tick: Tick = lambda text: None) -> Drive:
 
 def _says_needs(config: Config) -> bool:
     """Whether the plant says what a motion needs."""
-    zero = np.zeros(1)
-    return bool(config.scenario.plant.needs(agvjax.Motion(zero, zero, zero, zero)))
+    return bool(config.scenario.plant.needs(motion(*np.zeros((5, 1)))))
 
 
 def _limits(config: Config) -> tuple[float, ...]:

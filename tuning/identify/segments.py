@@ -16,6 +16,7 @@ import numpy as np
 from .log import Log, white_noise
 
 STILL = 1e-12  # of a value: rounding, not motion
+BEND = 3.0  # rows' usual motion, that a spike sticks out by at least
 SPIKE, WINDOW = 12.0, 9  # robust standard deviations from the line through so many rows: an outlier
 
 
@@ -75,6 +76,13 @@ def widened(segments: Segments, width: int, step: float) -> Segments:
     return segments._replace(**filled)
 
 
+def with_inputs(segments: Segments, logs: Sequence[Log]) -> Segments:
+    """The same stretches with the inputs that their rows have in these logs."""
+    at = zip(segments.rows, segments.log, strict=True)
+    inputs = [np.where((rows >= 0)[:, None], logs[which].inputs[np.maximum(rows, 0)], 0.0) for rows, which in at]
+    return segments._replace(inputs=np.stack(inputs))
+
+
 def thinned(segments: Segments, most: int) -> Segments:
     """At most so many of the stretches, evenly spread."""
     picked = np.unique(np.linspace(0, len(segments.t) - 1, min(most, len(segments.t))).round().astype(int))
@@ -130,7 +138,8 @@ def leaps(log: Log) -> np.ndarray:
             off = np.abs(value[fine] - line)  # where a channel stands exactly still it says nothing of its noise
             moving = off[off > STILL * np.abs(value[fine])]
             usual = 1.4826 * np.median(moving) if moving.size else np.inf
-            spikes[fine[off > SPIKE * usual], channel] = True
+            pace = np.quantile(np.abs(np.diff(value[fine])), 0.9)  # a bend of a channel without noise is no spike
+            spikes[fine[off > max(SPIKE * usual, BEND * pace)], channel] = True
     return spikes
 
 

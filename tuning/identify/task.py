@@ -30,7 +30,7 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     Raises:
         agvjax.InputError: names file, column and rule.
     """
-    drives = [load(file, config.scenario.plant, config.identify.columns) for file in files]
+    drives = [load(file, config.scenario.plant, config.identify.columns, config.identify.ahead) for file in files]
     wrong = logs.same_channels(drives)
     for i, log in enumerate(drives):
         if any(logs.same_drive(log, other) for other in drives[:i]):

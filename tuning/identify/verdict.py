@@ -24,6 +24,7 @@ MENDED = "the model mended: fit more (--fit), or another kind of vehicle"
 STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
 TURNING = ("heading", "yaw_rate", "steering_angle")  # measurements of how a vehicle turns, not of where it goes
 DISAGREE = 3.5  # deviations of their difference, beyond which what these two say of a number is no chance
+COLOURED = 0.3  # correlation from row to row above which the model lacks something
 ALIKE = 0.8  # correlation from which two parameters are named together
 
 
@@ -162,12 +163,14 @@ def _estimate(
     half = Z95 * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
-    if not identified and felt * max(abs(value), q.floor, q.width) < FELT:
-        reason = "never excited: with any value the log would look the same"
-    elif words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
-        identified, reason = False, words
+    near = NEAR * (q.high - q.low)
+    sank = value - q.low < near < q.nominal - value  # to the least that it can be: the log felt that much
+    if words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
+        identified, reason = False, words  # asked first: what ends there is no value, however much it is felt
         drive = drive if ".threshold_" in q.name else CHECKED
-    elif not identified and value - q.low < NEAR * (q.high - q.low):
+    elif not identified and not sank and felt * max(abs(value), q.floor, q.width) < FELT:
+        reason = "never excited: with any value the log would look the same"
+    elif not identified and value - q.low < near:
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
@@ -237,8 +240,10 @@ def advice(name: str) -> str:
     if head.startswith("deadzone."):
         actuator, side = head.split(".")[1], "positive" if last.endswith("right") else "negative"
         return f"{side} commands of {actuator} at several levels, some just beyond the threshold"
-    if last in ("time", "time_constant"):
-        return f"steps of {name.split('.')[1]} up and down"
+    if last in ("time", "time_constant", "steering_time"):
+        return f"steps of {'the commands' if head == 'plant' else name.split('.')[1]} up and down"
+    if name in ("plant.acceleration", "plant.steering_rate"):
+        return "steps of the commands so large that the vehicle is as slow as it can be in following them"
     if sinusoidal(name):
         return "a drive of several periods of the disturbance"
     if last in ("friction", "viscous", "creep"):
@@ -246,6 +251,11 @@ def advice(name: str) -> str:
     if head == "plant":
         return "turns to both sides while driving"
     return "a longer drive, in several headings"
+
+
+def coloured(verdict: FitVerdict) -> list[str]:
+    """Channels of which more is left than white noise."""
+    return [name for name, x in verdict.white.items() if x > COLOURED]
 
 
 def _white(fit: Fit) -> dict[str, float]:

@@ -29,6 +29,12 @@ KINDS |= dict.fromkeys(("left", "right"), "m cm mm")  # of a corridor
 KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}  # units of our names
 
 
+def units_like(unit: str) -> list[str]:
+    """The units in which a file may give what is in a SI unit here; all of them where that is none we know."""
+    kinds = {*KINDS.values(), "m/s^2", "rad/s^2 deg/s^2", "Nm mNm"}
+    return next((kind.split() for kind in kinds if unit in kind.split()), list(UNITS))
+
+
 class Column(NamedTuple):
     """A column of a file.
 
@@ -37,12 +43,24 @@ class Column(NamedTuple):
         unit: its unit there, as "deg", "km/h" or "ms"; empty: the SI unit.
         factor: on its numbers; -1 for another sign.
         nanoseconds: of a time, the column of what is added to it; empty: it has none.
+        quaternion: of a heading, the columns x, y, z, w of the quaternion that tells it, or z and w alone.
     """
 
     column: str
     unit: str = ""
     factor: float = 1.0
     nanoseconds: str = ""
+    quaternion: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The columns that are read for it; none of one that is not to be read."""
+        return self.quaternion or ((self.column,) if self.column else ())
+
+    @property
+    def words(self) -> str:
+        """The same, for a person."""
+        return ", ".join(self.parts)
 
 
 # long: the checks stand in their order

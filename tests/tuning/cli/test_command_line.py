@@ -732,7 +732,7 @@ told = [
     'controller.compensation="inverse"',
     'controller.prediction={type="predictor",delay=0.1,slots=4}',
 ]
-for name in ("base", "forklift"):
+for name in ("base", "ackermann", "forklift"):
     config.load([name], [], faults)
     config.load([name], told, faults)
 assert not xla_bridge.backends_are_initialized()

@@ -66,7 +66,7 @@ RULED = [
     key
     for key in KEYS
     if key.startswith(("tune.", "speed.", "sweep.", "identify.")) and "<" not in key
-    if described(key).rule and described(key).kind in ("a number", "a whole number")
+    if described(key).rule not in ("", agvjax.ANY.text) and described(key).kind in ("a number", "a whole number")
 ]
 
 
