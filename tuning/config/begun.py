@@ -13,9 +13,10 @@ import numpy as np
 import agvjax
 
 from ..io import csv_file
+from ..io.track_names import guessed
 from .fields import USUAL
 from .load import PRESETS
-from .recipes import RECIPES
+from .recipes import RECIPES, unsaid
 
 SHARP = math.radians(20)  # between two lines of a path: a larger angle is a corner, no curve that was sampled
 COARSE = 0.01  # s, the largest step
@@ -40,7 +41,7 @@ class Points:
 
     Attributes:
         file: its name.
-        columns: where x, y and speed stand, where they have other names.
+        columns: where x, y and speed stand, where they have other names; with another unit they are known by it.
         closed: whether its last point is its first.
         cornered: whether it is of straight lines with corners.
         speeds: whether it has a column of speeds.
@@ -60,9 +61,9 @@ def points(file: str) -> Points:
         agvjax.InputError: it cannot be read; says what it must be.
     """
     try:
-        there = csv_file.names(file)
-        columns = {name: found for name in ("x", "y", "speed") if (found := _column(name, there))}
-        x, y = (columns.get(name, name) for name in ("x", "y"))
+        found = guessed(csv_file.names(file, ("x", "y")))
+        columns = {name: place for name, place in found.items() if name in ("x", "y", "speed")}
+        x, y = (columns.get(name, csv_file.Column(name)).column for name in ("x", "y"))
         table = csv_file.read(file, (x, y), time="")
     except (OSError, ValueError) as error:
         rule = f"a CSV file with columns x and y [m] ({error})"
@@ -74,17 +75,11 @@ def points(file: str) -> Points:
     turns = np.diff(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))
     return Points(
         file=file,
-        columns={name: found for name, found in columns.items() if found != name},
+        columns={name: place.column for name, place in columns.items() if place.column != name and not place.unit},
         closed=closed,
         cornered=bool(np.any(np.abs(turns) > SHARP)),
         speeds="speed" in columns,
     )
-
-
-def _column(name: str, there: list[str]) -> str:
-    """The column of a name, or of the name with its unit; empty without one."""
-    wanted = [name, f"{name}_m", f"{name}[m]", f"{name}_mps", "vx_mps" if name == "speed" else name]
-    return next((column for want in wanted for column in there if column.lower() == want), "")
 
 
 # long: the file from its first line to its last
@@ -105,7 +100,7 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
     actuators = ("left", "right") if kind == "differential" else ("speed", "steering_angle")
     actuators = ("speed", "yaw_rate") if kind == "twist" else actuators
     route = _route(kind, numbers, path)
-    laid = RECIPES[agvjax.Route].make(route)
+    laid = RECIPES[agvjax.Route].make(route, unsaid)
     assert isinstance(laid, agvjax.Route)
     position, heading = _start(laid)
     lines = [

@@ -156,13 +156,11 @@ class Reader:
         """An object that a recipe makes from the table."""
         self.named(key, table, list(recipe.keys))
         try:
-            instance = recipe.make(table)
+            instance = recipe.make(table, self.notes.append)
         except agvjax.InputError as error:
             for fault in error.faults:
                 self.wrong(f"{key}.{fault.key}", fault.value, fault.rule, fault.source)
             return default
-        if unread := recipe.unread(table):
-            self.notes.append(unread)
         return instance
 
     def plain(self, key: str, default: Any, value: Toml, choices: Sequence[str | int] = ()) -> Any:

@@ -1,0 +1,110 @@
+"""A drive that was recorded, or any dense track, as waypoints: standing still and jitter left out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agvjax.paths.points import checked
+
+DENSE = 50  # points from which on a file without times is one that was recorded
+FINEST, COARSEST, RATIO = 1e-4, 0.1, 2**0.5  # of a track's extent: the spacings that are tried, each so much wider
+SHARP, CORNERS, SHARE = np.pi / 3, 2, 0.02  # turns beyond which a point is a corner; as many may be, and as a share
+SHAKEN = 0.1  # rad, by which most turns differ from the one before at most: beyond it is noise
+STILL, CRAWL = 1e-3, 0.05  # of the largest speed: below it a vehicle stands; what is driven there instead
+
+
+class Thinned(NamedTuple):
+    """Which rows of a track are waypoints.
+
+    Attributes:
+        rows: their numbers, increasing.
+        spacing: at least so far [m] is each from the one before; 0: none was left out.
+    """
+
+    rows: np.ndarray
+    spacing: float
+
+
+def apart(points: np.ndarray, spacing: float) -> np.ndarray:
+    """The numbers of points (N, 2) each at least `spacing` [m] from the one before, and of the last point."""
+    rows = [0]
+    for i in range(1, len(points)):
+        if np.hypot(*(points[i] - points[rows[-1]])) >= spacing:
+            rows.append(i)
+    last = len(points) - 1
+    if rows[-1] != last and spacing > 0:
+        near = np.hypot(*(points[last] - points[rows[-1]])) < spacing / 2
+        rows[-1:] = [last] if near and len(rows) > 1 else [rows[-1], last]
+    return np.array(rows)
+
+
+def thinned(points: np.ndarray, closed: bool, timed: bool) -> Thinned:
+    """The points of a track (N, 2) [m] that a path can be laid through: all, or those of the finest spacing that do.
+
+    Of a recorded drive (`timed`) they must also be free of noise; a few points without times are left as they are.
+
+    Raises:
+        ValueError: no spacing does.
+    """
+    everything = np.arange(len(points))
+    if not timed and (len(points) < DENSE or _sound(points, closed)):
+        return Thinned(everything, 0.0)
+    if timed and _calm(points, closed):
+        return Thinned(everything, 0.0)
+    extent, share = float(np.linalg.norm(np.ptp(points, axis=0))), FINEST
+    while share <= COARSEST and extent > 0:
+        rows = apart(points, share * extent)
+        if _calm(points[rows], closed):
+            return Thinned(rows, share * extent)
+        share *= RATIO
+    raise ValueError("no path can be laid through its points, however far apart they are taken; say spacing [m]")
+
+
+def _sound(points: np.ndarray, closed: bool) -> bool:
+    try:
+        checked(points, 1.0, closed)
+    except ValueError:
+        return False
+    return True
+
+
+def _calm(points: np.ndarray, closed: bool) -> bool:
+    """Whether a path can be laid through points, and most of its turns are like the one before."""
+    if len(points) < 4 or not _sound(points, closed):
+        return False
+    steps = np.diff(points, axis=0)
+    turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
+    turns -= 2 * np.pi * np.round(turns / (2 * np.pi))
+    corners = int(np.sum(np.abs(turns) > SHARP))
+    return corners <= max(CORNERS, SHARE * len(turns)) and bool(np.median(np.abs(np.diff(turns))) <= SHAKEN)
+
+
+def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray, float]:
+    """The speed [m/s] at each waypoint, and how long [s] the vehicle stood beside them, which does not count.
+
+    Between two waypoints the vehicle is on its way from when it was within half a spacing of the first for the last
+    time; at a waypoint the speed is the mean of the ways on both sides.
+    """
+    rows, way, stood = kept.rows, [], 0.0
+    for i, j in zip(rows[:-1], rows[1:], strict=True):
+        near = np.flatnonzero(np.hypot(*(points[i:j] - points[i]).T) <= kept.spacing / 2)
+        leaves = i + int(near[-1])
+        way.append(np.hypot(*(points[j] - points[leaves])) / (t[j] - t[leaves]))
+        stood += max(0.0, float(t[leaves] - t[i] - np.hypot(*(points[leaves] - points[i])) / way[-1]))
+    first, last = way[:1], way[-1:]
+    return (np.array([*first, *way]) + np.array([*way, *last])) / 2, stood
+
+
+def moving(speed: np.ndarray) -> tuple[np.ndarray, int]:
+    """Speeds of which none is zero: where the vehicle stands, a crawl in the direction of what is next; how many."""
+    most = float(np.abs(speed).max(initial=0.0))
+    still = np.abs(speed) <= STILL * most
+    if not still.any() or still.all():
+        return speed, 0
+    going = np.flatnonzero(~still)
+    nearest = going[np.argmin(np.abs(going[None, :] - np.flatnonzero(still)[:, None]), axis=1)]
+    speed = speed.copy()
+    speed[still] = np.sign(speed[nearest]) * CRAWL * most
+    return speed, int(still.sum())
