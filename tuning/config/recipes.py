@@ -49,7 +49,8 @@ def _waypoints(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Waypoin
         return dataclasses.replace(path, points=points, origin=origin)
     except ValueError as error:
         key = "speed" if "speed" in table and str(error).startswith("speed must") else source
-        _wrong(key, table[key], f"what a path can be made of ({error})")
+        more = f"; {WIDER}" if source == "file" and "suddenly" in str(error) else ""
+        _wrong(key, table[key], f"what a path can be made of ({error}{more})")
 
 
 def _points(
@@ -141,6 +142,8 @@ def _recorded(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Recorded
     return agvjax.Recorded(times=times, values=values, amplitude=factor if factor.ndim else float(factor))
 
 
+DEGREES = 0.1  # m, within which no path lies: numbers without a name that do are degrees
+WIDER = "scenario.path.spacing takes points farther apart, and a route with tolerance rounds corners"
 CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
 FILE = {
     "file": "name of a CSV file with columns x and y [m], or lat and lon [deg], and perhaps speed [m/s] or, of a"
@@ -220,7 +223,10 @@ def _file(
             raise
         rule = f"a CSV file with the columns {', '.join(needed)} and perhaps {', '.join(optional)}, or others named in"
         _wrong("file", file, f'{rule} columns = {{ {needed[0]} = "its name" }} ({error})')
-    _say(table, header, {name: place for name, place in where.items() if place.column in found}, note)
+    if header == numbered(2) and max(np.ptp(si["x"]), np.ptp(si["y"])) < DEGREES:
+        rule = f"metres: its points lie within {DEGREES:g} m; degrees are columns = {{ lat = \"1\", lon = \"2\" }}"
+        _wrong("file", file, f"{rule}, or the other way round")
+    _say(table, header, {name: place for name, place in where.items() if place.column in found}, track, note)
     return si
 
 
@@ -232,7 +238,7 @@ def _guessed(table: Mapping[str, Toml], header: Sequence[str], optional: Sequenc
     return {n: p for n, p in guessed(header).items() if n in ("x", "y", "lat", "lon", "t", *optional) and n not in said}
 
 
-def _say(table: Mapping[str, Toml], header: Sequence[str], where: Mapping[str, Column], note: Note) -> None:
+def _say(table: Mapping[str, Toml], header: Sequence[str], where: Mapping[str, Column], track: bool, note: Note) -> None:
     """Tell what was read of columns that are called otherwise, what was not, and what a path goes without."""
     given = table.get("columns", {})
     renamed = [(n, p) for n, p in where.items() if p.column != n and n not in given]
@@ -240,7 +246,7 @@ def _say(table: Mapping[str, Toml], header: Sequence[str], where: Mapping[str, C
     taken = {part for p in where.values() for part in (p.column, p.nanoseconds)}
     unread = [name for name in header if name and name not in taken and name not in given]
     said += [f"{', '.join(unread)} not read"] if unread else []
-    if not {"speed", "t", "heading"} & set(where) and "speed" not in table and "x" in where:
+    if track and not {"speed", "t"} & set(where) and "speed" not in table:
         said.append("no column speed: 1 m/s (scenario.path.speed, or scenario.path.columns.speed)")
     if said:
         note(f"{table['file']}: {'; '.join(said)}")

@@ -1,4 +1,4 @@
-"""Files of columns with a header: separated by commas, semicolons, tabs or spaces, with comments behind a #."""
+"""Files of columns with a header: separated by commas, semicolons, tabs or spaces, with comments behind a # or //."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .numbers import real
 
 LARGEST_FILE = 500_000_000  # bytes of a log
 LARGEST = 1e30  # a cell that is larger stands for a value that is not there
-COMMENT = "#"  # what begins a line that is none of the rows; before the first row the last such line may be the header
+COMMENTS = ("#", "//", "% ")  # what begins a line that is none of the rows; before the first row one may be the header
 SEPARATORS = ",;\t"  # the first of them that the header has; without one, columns are separated by spaces
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
@@ -187,12 +187,12 @@ def _split(text: str) -> list[tuple[int, list[str]]]:
     """The header and the rows below it, each with its line number and its cells; none of a file without any."""
     lines, comments = [], []  # with their numbers; the comments are those before the first row
     for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith(COMMENT):
-            comments += [] if lines else [(number, line.lstrip().lstrip(COMMENT))]
+        if line.lstrip().startswith(COMMENTS):
+            comments += [] if lines else [(number, line.lstrip().lstrip("#/%"))]
         elif line.strip(SEPARATORS + " "):
             lines.append((number, line))
     rows = _cells(lines)
-    if not rows or any(map(_word, rows[0][1])):
+    if not rows or sum(map(_word, rows[0][1])) > sum(map(_number, rows[0][1])):  # a row may have words too: on, off
         return rows
     named = [cells for comment in comments for cells in _cells([comment]) if any(map(_word, cells[1]))]
     fitting = [cells for cells in named if len(cells[1]) == len(rows[0][1])] or named
@@ -219,6 +219,13 @@ def _word(cell: str) -> bool:
     """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf."""
     start = cell.strip().lstrip("_")[:1]
     return start.isalpha() and cell.strip().lower() not in ("nan", "inf", "infinity")
+
+
+def _number(cell: str) -> bool:
+    try:
+        return np.isfinite(real(cell))
+    except ValueError:
+        return False
 
 
 def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:

@@ -10,7 +10,7 @@ from agvjax.paths.points import checked
 
 DENSE = 50  # points from which on a file without times is one that was recorded
 FINEST, COARSEST, RATIO = 1e-4, 0.1, 2**0.5  # of a track's extent: the spacings that are tried, each so much wider
-SHARP, CORNERS, SHARE = np.pi / 3, 2, 0.02  # turns beyond which a point is a corner; as many may be, and as a share
+SHARP, CORNERS = np.pi / 3, 0.02  # rad, a turn beyond which a point is a corner; what share of points may be corners
 SHAKEN = 0.1  # rad, by which most turns differ from the one before at most: beyond it is noise
 STILL, CRAWL = 1e-3, 0.05  # of the largest speed: below it a vehicle stands; what is driven there instead
 
@@ -43,22 +43,23 @@ def apart(points: np.ndarray, spacing: float) -> np.ndarray:
 def thinned(points: np.ndarray, closed: bool, timed: bool) -> Thinned:
     """The points of a track (N, 2) [m] that a path can be laid through: all, or those of the finest spacing that do.
 
-    Of a recorded drive (`timed`) they must also be free of noise; a few points without times are left as they are.
+    Of a recorded drive (`timed`) they must also be free of noise, at best without corners; a few points without times
+    are left as they are.
 
     Raises:
         ValueError: no spacing does.
     """
-    everything = np.arange(len(points))
-    if not timed and (len(points) < DENSE or _sound(points, closed)):
-        return Thinned(everything, 0.0)
-    if timed and _calm(points, closed):
-        return Thinned(everything, 0.0)
-    extent, share = float(np.linalg.norm(np.ptp(points, axis=0))), FINEST
+    everything = Thinned(np.arange(len(points)), 0.0)
+    if len(points) < (4 if timed else DENSE) or (not timed and _sound(points, closed)):
+        return everything
+    extent, share, tried = float(np.linalg.norm(np.ptp(points, axis=0))), FINEST, [everything] * timed
     while share <= COARSEST and extent > 0:
-        rows = apart(points, share * extent)
-        if _calm(points[rows], closed):
-            return Thinned(rows, share * extent)
+        tried.append(Thinned(apart(points, share * extent), share * extent))
         share *= RATIO
+    for corners, shaken in ((0.0, SHAKEN), (CORNERS, SHAKEN), (1.0, np.inf)):
+        for one in tried:
+            if _calm(points[one.rows], closed, corners, shaken):
+                return one
     raise ValueError("no path can be laid through its points, however far apart they are taken; say spacing [m]")
 
 
@@ -70,15 +71,14 @@ def _sound(points: np.ndarray, closed: bool) -> bool:
     return True
 
 
-def _calm(points: np.ndarray, closed: bool) -> bool:
-    """Whether a path can be laid through points, and most of its turns are like the one before."""
+def _calm(points: np.ndarray, closed: bool, corners: float, shaken: float) -> bool:
+    """Whether a path can be laid through points, few of which are corners, and most turns are like the one before."""
     if len(points) < 4 or not _sound(points, closed):
         return False
     steps = np.diff(points, axis=0)
     turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
     turns -= 2 * np.pi * np.round(turns / (2 * np.pi))
-    corners = int(np.sum(np.abs(turns) > SHARP))
-    return corners <= max(CORNERS, SHARE * len(turns)) and bool(np.median(np.abs(np.diff(turns))) <= SHAKEN)
+    return bool(np.mean(np.abs(turns) > SHARP) <= corners and np.median(np.abs(np.diff(turns))) <= shaken)
 
 
 def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray, float]:

@@ -14,7 +14,7 @@ PAIRS = {  # names that go together, each pair of columns with the stem of its o
         (f"{stem}left", f"{stem}right") for stem in ("", "w_tr_", "width_", "w_", "half_width_", "track_width_")
     ],
 }
-PAIRS["x", "y"] += [("x_position", "y_position"), ("px", "py"), ("position_position_x", "position_position_y")]
+PAIRS["x", "y"] += [("x_axis", "y_axis"), ("x_position", "y_position"), ("px", "py"), ("position_position_x", "position_position_y")]
 PAIRS["x", "y"] += [("pose_position_x", "pose_position_y"), ("pose_pose_position_x", "pose_pose_position_y")]
 PAIRS["x", "y"] += [("easting", "northing"), ("utm_easting", "utm_northing"), ("utm_x", "utm_y"), ("east", "north")]
 ALONE = {
@@ -62,7 +62,7 @@ def _parted(cell: str) -> tuple[str, str]:
     text = cell.strip().strip('"').lower()
     if text == STAMP:
         return "time", "ns"
-    text = re.sub(r"[\s./]*[\s./](?![^\[(]*[\])])", "_", text).removeprefix("field_")
+    text = re.sub(r"[\s./-]*[\s./-](?![^\[(]*[\])])", "_", text).removeprefix("field_")
     if behind := re.fullmatch(r"(.+?)_*[\[(]\s*([^\])]*?)\s*[\])]", text):
         return behind[1], SUFFIXES.get(behind[2], behind[2])
     stem, _, unit = text.rpartition("_")
