@@ -45,7 +45,7 @@ def _waypoints(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Waypoin
     try:
         speed = rows[:, 2] if rows.shape[1] == 3 else 1.0
         path = agvjax.Waypoints.through(rows[:, :2] - origin, speed, closed)
-        points = np.column_stack([path.points[:, :2] + origin, path.points[:, 2]])
+        points = np.asarray(path.points) + (*origin, 0.0)
         return dataclasses.replace(path, points=points, origin=origin)
     except ValueError as error:
         key = "speed" if "speed" in table and str(error).startswith("speed must") else source
@@ -112,7 +112,7 @@ def _route(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Route:
         return routes.laid(table, None, None)
     if "file" not in table and "points" not in table:
         _wrong("file", "", "the name of a CSV file, where there are neither points nor a shape that the route is along")
-    cornered = set(table) & {"radius", "tolerance", "half_width"}  # a file's widths are of a spline, and not said here
+    cornered = set(table) & {"radius", "tolerance", "half_width"}  # the file's widths are of a spline alone
     rows, widths = _points(table, table.get("closed"), ("speed",) if cornered else ("speed", "left", "right"), note)
     return routes.laid(table, rows, widths)
 
@@ -224,7 +224,7 @@ def _file(
         rule = f"a CSV file with the columns {', '.join(needed)} and perhaps {', '.join(optional)}, or others named in"
         _wrong("file", file, f'{rule} columns = {{ {needed[0]} = "its name" }} ({error})')
     if header == numbered(2) and max(np.ptp(si["x"]), np.ptp(si["y"])) < DEGREES:
-        rule = f"metres: its points lie within {DEGREES:g} m; degrees are columns = {{ lat = \"1\", lon = \"2\" }}"
+        rule = f'in metres: its points lie within {DEGREES:g} m; degrees are columns = {{ lat = "1", lon = "2" }}'
         _wrong("file", file, f"{rule}, or the other way round")
     _say(table, header, {name: place for name, place in where.items() if place.column in found}, track, note)
     return si
@@ -238,7 +238,9 @@ def _guessed(table: Mapping[str, Toml], header: Sequence[str], optional: Sequenc
     return {n: p for n, p in guessed(header).items() if n in ("x", "y", "lat", "lon", "t", *optional) and n not in said}
 
 
-def _say(table: Mapping[str, Toml], header: Sequence[str], where: Mapping[str, Column], track: bool, note: Note) -> None:
+def _say(
+    table: Mapping[str, Toml], header: Sequence[str], where: Mapping[str, Column], track: bool, note: Note
+) -> None:
     """Tell what was read of columns that are called otherwise, what was not, and what a path goes without."""
     given = table.get("columns", {})
     renamed = [(n, p) for n, p in where.items() if p.column != n and n not in given]
@@ -272,7 +274,9 @@ def _places(
     taken = {place.column for place in where.values()}
     usual = {name: guesses.get(name, Column(name)) for name in known}
     where = {name: where.get(name, Column("") if usual[name].column in taken else usual[name]) for name in known}
-    degrees = {name: place._replace(unit=place.unit or "deg") for name, place in where.items() if name in ("lat", "lon")}
+    degrees = {
+        name: place._replace(unit=place.unit or "deg") for name, place in where.items() if name in ("lat", "lon")
+    }
     return {name: place for name, place in (where | degrees).items() if place.column}
 
 

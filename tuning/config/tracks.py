@@ -71,7 +71,9 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
     if speed is not None and not fixed:
         speed, still = drives.moving(speed)
         crawl = f"{drives.CRAWL:.0%} of the largest"
-        said += [f"speed 0 at {still} of {len(speed)} points taken for {crawl}, for a path does not stand"] * (still > 0)
+        said += [f"speed 0 at {still} of {len(speed)} points taken for {crawl}, for a path does not stand"] * (
+            still > 0
+        )
     both = "left" in columns and "right" in columns
     widths = np.column_stack([columns["left"], columns["right"]])[kept.rows] if both else None
     return Track(points[kept.rows], speed, widths, said)

@@ -20,14 +20,14 @@ COMMENTS = ("#", "//", "% ")  # what begins a line that is none of the rows; bef
 SEPARATORS = ",;\t"  # the first of them that the header has; without one, columns are separated by spaces
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
-    **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "mph": 0.44704, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
-    **{"m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
+    **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
+    **{"mph": 0.44704, "m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
 }
 
 KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
 KINDS |= dict.fromkeys(("left", "right"), "m cm mm")  # of a corridor
-KINDS |= dict.fromkeys(("lat", "lon"), "deg rad")
-KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h mph") | {"yaw_rate": "rad/s deg/s rpm"}  # units of our names
+KINDS |= dict.fromkeys(("lat", "lon"), "deg rad") | {"yaw_rate": "rad/s deg/s rpm"}
+KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h mph")  # units of our names
 
 
 class Column(NamedTuple):

@@ -7,21 +7,18 @@ from collections.abc import Sequence
 
 from .csv_file import KINDS, UNITS, Column
 
-PAIRS = {  # names that go together, each pair of columns with the stem of its own
-    ("x", "y"): [("x", "y"), *((f"{a}x{b}", f"{a}y{b}") for a, b in [("pos_", ""), ("position_", ""), ("", "_pos")])],
-    ("lat", "lon"): [("lat", "lon"), ("latitude", "longitude"), ("lat", "lng"), ("lat", "long")],
-    ("left", "right"): [
-        (f"{stem}left", f"{stem}right") for stem in ("", "w_tr_", "width_", "w_", "half_width_", "track_width_")
-    ],
+PLACES = "x y, pos_x pos_y, position_x position_y, x_pos y_pos, x_position y_position, x_axis y_axis, px py"
+PLACES += ", pose_position_x pose_position_y, pose_pose_position_x pose_pose_position_y"  # of ROS
+PLACES += ", easting northing, utm_easting utm_northing, utm_x utm_y, east north"
+WIDTHS = "left right, w_tr_left w_tr_right, width_left width_right, w_left w_right, half_width_left half_width_right"
+SPEEDS = "speed velocity v vel vx v_ref vel_ref speed_ref ref_speed target_speed target_velocity"
+SPEEDS += " longitudinal_velocity linear_velocity"
+PAIRS = {  # by our names that go together, what others call both
+    ("x", "y"): PLACES,
+    ("lat", "lon"): "lat lon, latitude longitude, lat lng, lat long",
+    ("left", "right"): WIDTHS,
 }
-PAIRS["x", "y"] += [("x_axis", "y_axis"), ("x_position", "y_position"), ("px", "py"), ("position_position_x", "position_position_y")]
-PAIRS["x", "y"] += [("pose_position_x", "pose_position_y"), ("pose_pose_position_x", "pose_pose_position_y")]
-PAIRS["x", "y"] += [("easting", "northing"), ("utm_easting", "utm_northing"), ("utm_x", "utm_y"), ("east", "north")]
-ALONE = {
-    "speed": ["speed", "velocity", "v", "vel", "vx", "v_ref", "vel_ref", "speed_ref", "target_speed", "target_velocity"],
-    "t": ["t", "time", "timestamp", "stamp"],
-}
-ALONE["speed"] += ["longitudinal_velocity", "linear_velocity", "ref_speed", "ref_v"]
+ALONE = {"speed": SPEEDS, "t": "t time timestamp stamp"}
 ACROSS = "vy"  # beside it vx is no speed, but a part of a velocity
 STAMP = "%time"  # of a file that `rostopic echo -p` wrote, whose other names begin with field
 SUFFIXES = {  # what stands behind a name, for our word for the unit
@@ -46,13 +43,13 @@ def guessed(header: Sequence[str]) -> dict[str, Column]:
 
     where: dict[str, Column] = {}
     for names, pairs in PAIRS.items():
-        for pair in pairs:
+        for pair in (words.split() for words in pairs.split(", ")):
             both = [place(name, stem) for name, stem in zip(names, pair, strict=True)]
             if all(both):
                 where |= {name: column for name, column in zip(names, both, strict=True) if column}
                 break
     for name, words in ALONE.items():
-        found = [place(name, word) for word in words if word != "vx" or ACROSS not in stems]
+        found = [place(name, word) for word in words.split() if word != "vx" or ACROSS not in stems]
         where |= next(({name: column} for column in found if column), {})
     return where
 
