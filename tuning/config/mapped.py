@@ -92,6 +92,12 @@ def drawn(run: agvjax.Trajectory, scenario: agvjax.Scenario) -> agvjax.Trajector
     return dataclasses.replace(run, route=beside, **places)
 
 
+def told(leaves: Mapping[str, np.ndarray], scenario: agvjax.Scenario) -> dict[str, Any]:
+    """Values of leaves by name as they are in a file, a start by the coordinates of the map."""
+    by = {POSITION: origin(scenario)}
+    return {name: (np.asarray(value) + by.get(name, 0)).tolist() for name, value in leaves.items()}
+
+
 def laid(route: agvjax.Route) -> agvjax.Route:
     """A route by the coordinates of its map, for what drives by them."""
     table = np.array(route.table, float)

@@ -47,7 +47,7 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
         spacing: at least so far apart [m]; None: a recorded drive as far as it takes, others as they are.
 
     Raises:
-        ValueError: the points make no path at any spacing, or fewer than two are left.
+        ValueError: the points make no path at any spacing.
     """
     points, t = np.column_stack([columns["x"], columns["y"]]), columns.get("t")
     if closed and len(points) > 3 and np.array_equal(points[0], points[-1]):  # as racing lines are written
@@ -57,8 +57,6 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
         kept = drives.thinned(points, closed, t is not None)
     else:
         kept = drives.Thinned(drives.apart(points, spacing), spacing)
-        if len(kept.rows) < 2:
-            raise ValueError(f"a spacing of {spacing:g} m leaves {len(kept.rows)} of {len(points)} points")
     said, speed = [], columns.get("speed")
     if (fewer := len(points) - len(kept.rows)) > 0:
         near = f"nearer than {kept.spacing:.3g} m to the one before (standing still, jitter; scenario.path.spacing)"

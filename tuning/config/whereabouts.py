@@ -62,7 +62,7 @@ def faults(config: Config, moving: Sequence[Moving] = ()) -> list[Fault]:
     if abs(turned) > most:
         rule = f"at most {most:.4g} in size: {config.precision} bits tell none {RESOLUTION:g} rad apart beyond"
         wrong.append(Fault("scenario.start.heading", turned, rule))
-    extent = float(np.linalg.norm(way - way[0], axis=1).max())
+    extent = _extent(way)
     nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))
     gap = float(np.linalg.norm(nearest - way[0]))
     drawn = any(axis.key == "ensemble.draws" and START in axis.spans for axis in moving)
@@ -79,21 +79,25 @@ def notes(config: Config, moving: Sequence[Moving] = ()) -> list[str]:
     """What of the path, the start and the horizon may not be meant."""
     way, path, horizon = course(config), config.scenario.path, config.simulate.horizon
     said = []
-    extent, start = float(np.linalg.norm(way - way[0], axis=1).max()), np.asarray(config.scenario.start.position, float)
-    gap, off = float(np.linalg.norm(start - way[0])), mapped.origin(config.scenario)
-    drawn = any(name.startswith(START) for axis in moving for name in axis.spans)
-    if gap > max(NEAR, NEAR_SHARE * extent) and not drawn:
-        said.append(
-            f"the vehicle starts at {_point(start + off)} (scenario.start.position), {gap:.3g} m from"
-            f" {_point(way[0] + off)}, where"
-            " scenario.path begins"
-        )
+    extent, off, starts = _extent(way), mapped.origin(config.scenario), _starts(config, moving)
+    nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))
+    gap = float(np.linalg.norm(nearest - way[0]))
+    if gap > max(NEAR, NEAR_SHARE * extent):
+        drawn = any(name.startswith(START) for axis in moving for name in axis.spans)
+        where = f"the vehicle starts at {_point(nearest + off)} (scenario.start.position), {gap:.3g} m"
+        where = f"every vehicle starts {gap:.3g} m or more ({DRAWN} or sweep.over)" if drawn else where
+        said.append(f"{where} from {_point(way[0] + off)}, where scenario.path begins")
     lap = _lap(path)
     if horizon < LAP * lap:
         said.append(f"the run ends after {horizon:.4g} s (simulate.horizon), the path takes {lap:.4g} s")
     if bulge := _bulge(path):
         said.append(bulge)
     return said
+
+
+def _extent(way: np.ndarray) -> float:
+    """How far [m] a path goes from where it begins."""
+    return float(np.linalg.norm(way - way[0], axis=1).max())
 
 
 def _from(config: Config) -> str:

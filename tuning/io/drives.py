@@ -12,6 +12,7 @@ DENSE = 50  # points from which on a file without times is one that was recorded
 FINEST, COARSEST, RATIO = 1e-4, 0.1, 2**0.5  # of a track's extent: the spacings that are tried, each so much wider
 SHARP, CORNERS = np.pi / 3, 0.02  # rad, a turn beyond which a point is a corner; what share of points may be corners
 SHAKEN = 0.1  # rad, by which most turns differ from the one before at most: beyond it is noise
+PARTS = 5  # of the way between two waypoints
 STILL, CRAWL = 1e-3, 0.05  # of the largest speed: below it a vehicle stands; what is driven there instead
 
 
@@ -82,19 +83,23 @@ def _calm(points: np.ndarray, closed: bool, corners: float, shaken: float) -> bo
 
 
 def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray, float]:
-    """The speed [m/s] at each waypoint, and how long [s] the vehicle stood beside them, which does not count.
+    """The speed [m/s] at each waypoint, and how long [s] the vehicle stood still, which does not count.
 
-    Between two waypoints the vehicle is on its way from when it was within half a spacing of the first for the last
-    time; at a waypoint the speed is the mean of the ways on both sides.
+    The way between two waypoints is cut into `PARTS`, of which the one with the median time tells the speed: standing
+    is in one of them, or in two. At a waypoint the speed is the mean of the ways on both sides.
     """
-    rows, way, stood = kept.rows, [], 0.0
-    for i, j in zip(rows[:-1], rows[1:], strict=True):
-        near = np.flatnonzero(np.hypot(*(points[i:j] - points[i]).T) <= kept.spacing / 2)
-        leaves = i + int(near[-1])
-        way.append(np.hypot(*(points[j] - points[leaves])) / (t[j] - t[leaves]))
-        stood += max(0.0, float(t[leaves] - t[i] - np.hypot(*(points[leaves] - points[i])) / way[-1]))
-    first, last = way[:1], way[-1:]
-    return (np.array([*first, *way]) + np.array([*way, *last])) / 2, stood
+    way, stood = [], 0.0
+    for i, j in zip(kept.rows[:-1], kept.rows[1:], strict=True):
+        line = points[j] - points[i]
+        progress = np.maximum.accumulate((points[i : j + 1] - points[i]) @ line / (line @ line))
+        first = np.r_[True, np.diff(progress) > 0]  # instants at which it was never so far before
+        times = np.diff(np.interp(np.linspace(0, 1, PARTS + 1), progress[first], t[i : j + 1][first]))
+        moved = PARTS * float(np.median(times))
+        way.append(np.hypot(*line) / moved)
+        whole = float(t[j] - t[i])
+        stood += whole - moved if whole > 2 * moved else 0.0
+    begin, end = way[:1], way[-1:]
+    return (np.array([*begin, *way]) + np.array([*way, *end])) / 2, stood
 
 
 def moving(speed: np.ndarray) -> tuple[np.ndarray, int]:

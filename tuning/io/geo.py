@@ -146,6 +146,6 @@ def _shapes(node: Any) -> list[Any]:
 def _only(file: str, lines: list[Any], what: str) -> Any:
     """The one line of a file."""
     if len(lines) != 1 or not isinstance(lines[0], list) or len(lines[0]) < 2:
-        count = f"{len(lines)} {what} with points" if len(lines) != 1 else "a single point, or none"
+        count = f"{len(lines)} {what} with points" if len(lines) > 1 else "a single point, or none"
         raise ValueError(f"{file} must have one line with two points at least; it has {count}")
     return lines[0]

@@ -270,7 +270,7 @@ def _worst(outcome: Outcome, verdict: TuneVerdict) -> Mapping[str, object]:
     """The worst scenario found for each metric, so that it can be looked at again, and why the gains failed, if so."""
     rows = [
         {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
-        | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
+        | {"scenario": mapped.told(f.scenario, outcome.problem.config.scenario)}
         for f in outcome.found
     ]
     gains = {name: np.asarray(value, float).tolist() for name, value in agvjax.leaves(outcome.controller).items()}
