@@ -67,8 +67,6 @@ def draws(config: Config, way: float) -> tuple[Config, list[agvjax.Fault]]:
 
 def begun(path: agvjax.Waypoints | agvjax.Route) -> agvjax.Start:
     """Where a path begins, looking along it, at its speed; by its own coordinates, without waking JAX."""
-    position: Any
-    velocity: Any
     if isinstance(path, agvjax.Waypoints):
         position, slope = np.asarray(path.coefficients, float)[0, :2]
         velocity, sign = slope * len(path.coefficients) / float(path.duration), 1.0
@@ -77,7 +75,8 @@ def begun(path: agvjax.Waypoints | agvjax.Route) -> agvjax.Start:
         table, sign = np.asarray(path.table, float), float(np.asarray(path.legs)[3, 0])
         position, way = table[[0, 6], 0], table[[1, 7], 0]
         velocity = way / np.hypot(*way) * np.sqrt(np.asarray(path.squares, float)[0, 0])
-    return agvjax.Start(position=position, velocity=velocity, heading=float(np.arctan2(sign * way[1], sign * way[0])))
+    begun: dict[str, Any] = {"position": position, "velocity": velocity}
+    return agvjax.Start(**begun, heading=float(np.arctan2(sign * way[1], sign * way[0])))
 
 
 def drawn(run: agvjax.Trajectory, scenario: agvjax.Scenario) -> agvjax.Trajectory:
@@ -92,7 +91,7 @@ def drawn(run: agvjax.Trajectory, scenario: agvjax.Scenario) -> agvjax.Trajector
     return dataclasses.replace(run, route=beside, **places)
 
 
-def told(leaves: Mapping[str, np.ndarray], scenario: agvjax.Scenario) -> dict[str, Any]:
+def told(leaves: Mapping[str, np.ndarray], scenario: agvjax.Scenario) -> dict[str, object]:
     """Values of leaves by name as they are in a file, a start by the coordinates of the map."""
     by = {POSITION: origin(scenario)}
     return {name: (np.asarray(value) + by.get(name, 0)).tolist() for name, value in leaves.items()}

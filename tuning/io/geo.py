@@ -16,6 +16,7 @@ EXTRA = "pip install 'agvjax[tracks]'"
 DEGREES = "EPSG:4326", "CRS84"  # what a GeoJSON file says, if anything, of coordinates in degrees
 MOST = (180.0, 90.0)  # longitude and latitude, either way
 
+Part = Any  # what JSON may hold, or a library
 Track = tuple[dict[str, np.ndarray], str]  # columns by our names, in SI units; and what a person should know of them
 
 
@@ -59,7 +60,7 @@ def plane(file: str, lat: np.ndarray, lon: np.ndarray) -> tuple[np.ndarray, np.n
     return np.asarray(x, float), np.asarray(y, float), words
 
 
-def _library(name: str) -> Any:
+def _library(name: str) -> Part:
     """A library of the extra `tracks`, which few need."""
     import importlib
 
@@ -129,7 +130,7 @@ def _metres(file: str, named: str) -> str:
     return ""
 
 
-def _shapes(node: Any) -> list[Any]:
+def _shapes(node: Part) -> list[Part]:
     """The geometries of a collection of features, of one, or of a collection of geometries; in their order."""
     if not isinstance(node, Mapping):
         return []
@@ -143,7 +144,7 @@ def _shapes(node: Any) -> list[Any]:
     return [node]
 
 
-def _only(file: str, lines: list[Any], what: str) -> Any:
+def _only(file: str, lines: list[Part], what: str) -> Part:
     """The one line of a file."""
     if len(lines) != 1 or not isinstance(lines[0], list) or len(lines[0]) < 2:
         count = f"{len(lines)} {what} with points" if len(lines) > 1 else "a single point, or none"

@@ -114,6 +114,24 @@ def test_a_recorded_drive_brings_its_speed(tmp_path):
     assert np.all(config.scenario.path.points[:, 2] == 1.5) and "speeds are" not in " ".join(said)
 
 
+def test_times_that_are_none_are_left_unread_unless_asked_for(tmp_path):
+    file = written(tmp_path, "t,x,y", np.column_stack([np.zeros(20), BEND]))
+    config, said = track(file)
+    assert np.all(config.scenario.path.points[:, 2] == 1)
+    assert said[0].startswith(f"its times are not read: {file}, row 3, column t: 0 must be above 0")
+    assert "t not read; no column speed" in said[1]
+    with pytest.raises(InputError, match="0 must be above 0"):
+        track(file, columns='{ t = "t" }')
+    assert track(file, columns='{ t = "" }')[1][0].startswith(f"{file}: no column speed")
+
+
+def test_what_belongs_to_a_file_is_refused_without_one():
+    for key, value in (("columns", '{ x = "a" }'), ("spacing", "1.0")):
+        for kind in ("waypoints", "route"):
+            with pytest.raises(InputError, match=f"scenario.path.{key} = .* absent where there is no file"):
+                load([], [f"scenario.path={{type='{kind}',points=[[0,0],[1,1]],{key}={value}}}"])
+
+
 def test_latitude_and_longitude_are_laid_into_a_plane(tmp_path):
     pytest.importorskip("pyproj")
     file = written(
