@@ -36,15 +36,14 @@ def shown(values: ArrayLike) -> np.ndarray:
 def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
     """The reference path and what the reference point of the vehicle did, in the plane; and the path's `points`."""
     figure = Figure(figsize=(5.2, 5.2), layout="constrained")
-    axes = figure.add_subplot()
-    if points is not None:
-        axes.plot(*shown(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
-    draw_path(axes, runs)
+    draw_path(figure.add_subplot(), runs, points)
     return complete(figure)
 
 
-def draw_path(axes: Any, runs: Runs) -> None:
+def draw_path(axes: Any, runs: Runs, points: ArrayLike | None = None) -> None:
     """The same on given axes."""
+    if points is not None:
+        axes.plot(*shown(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
     first = next(iter(runs.values()))
     axes.plot(*shown(first.reference_position).T, color="k", lw=0.8, label="path")
     for (label, run), style in zip(runs.items(), _styles(runs), strict=False):

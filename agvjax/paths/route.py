@@ -50,6 +50,7 @@ class Route(Path):
     half_widths: Numbers | None = None  # (4, n) m, left and right at the beginning of each piece, and their changes
     closed: bool = structure(False)
     made: str = structure("")  # the table of TOML that it was laid of, as JSON; empty where Python laid it
+    origin: tuple[float, float] = structure((0.0, 0.0))  # m, where of the map in `made` it counts from
 
     @classmethod
     def along(

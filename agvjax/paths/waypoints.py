@@ -39,13 +39,14 @@ class Waypoints(Path):
     where the reference stands still from then on: its velocity jumps to 0 there, unless the last speed is small.
 
     `points` says what the path was made of and is not looked at again: to move a point make another path. Another
-    `duration` runs the same path faster or slower.
+    `duration` runs the same path faster or slower. What a path gives is counted from `origin`, points are not.
     """
 
     points: Numbers  # (N, 3): x [m], y [m], speed [m/s]
     coefficients: Numbers  # (M, 6, 2) m, of the powers of the share of each of M pieces of equal duration
     duration: Real | np.ndarray = number(1.0, "s", POSITIVE)
     closed: bool = structure(False)
+    origin: tuple[float, float] = structure((0.0, 0.0))  # m, where of the map of its points the path counts from
 
     @classmethod
     def through(cls, points: ArrayLike, speed: ArrayLike | None = None, closed: bool = False) -> Waypoints:

@@ -11,7 +11,7 @@ from agvjax import Fault, InputError
 from agvjax.draw import plot
 
 from ..compute.memory import too_much
-from ..config import whereabouts
+from ..config import mapped, whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
@@ -38,6 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
     of_metrics = numbers(agvjax.measure(trajectory, config.judged(delivered=True)), config.scenario)
+    trajectory = mapped.drawn(trajectory, config.scenario)
     files.write_npz(out / "trajectory.npz", arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
     for text in write_figures(out, _drawings(trajectory, config.scenario)):
@@ -90,8 +91,7 @@ def _vehicle(config: Config) -> list[Fault]:
 
 def _drawings(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario) -> dict[str, Drawing]:
     """The figures by name, not yet drawn."""
-    plant, way, runs = scenario.plant, scenario.path, {"run": trajectory}
-    points = way.points if isinstance(way, agvjax.Waypoints) else None
+    plant, runs, points = scenario.plant, {"run": trajectory}, mapped.corners(scenario.path)
     drawings: dict[str, Drawing] = {"path": lambda: plot.path(runs, points)}
     drawings |= {"errors": lambda: plot.errors(runs), "commands": lambda: plot.commands(runs)}
     if trajectory.route is not None:

@@ -12,10 +12,11 @@ import numpy as np
 
 import agvjax
 
-from ..io import csv_file
+from . import mapped
+from .columns import unsaid
 from .fields import USUAL
 from .load import PRESETS
-from .recipes import RECIPES
+from .recipes import RECIPES, track_of
 
 SHARP = math.radians(20)  # between two lines of a path: a larger angle is a corner, no curve that was sampled
 COARSE = 0.01  # s, the largest step
@@ -40,51 +41,36 @@ class Points:
 
     Attributes:
         file: its name.
-        columns: where x, y and speed stand, where they have other names.
         closed: whether its last point is its first.
         cornered: whether it is of straight lines with corners.
-        speeds: whether it has a column of speeds.
+        speeds: whether it has speeds, or times.
     """
 
     file: str
-    columns: dict[str, str]
     closed: bool
     cornered: bool
     speeds: bool
 
 
 def points(file: str) -> Points:
-    """What a CSV file of a path is.
+    """What a file of a path is.
 
     Raises:
         agvjax.InputError: it cannot be read; says what it must be.
     """
     try:
-        there = csv_file.names(file)
-        columns = {name: found for name in ("x", "y", "speed") if (found := _column(name, there))}
-        x, y = (columns.get(name, name) for name in ("x", "y"))
-        table = csv_file.read(file, (x, y), time="")
-    except (OSError, ValueError) as error:
-        rule = f"a CSV file with columns x and y [m] ({error})"
-        raise agvjax.InputError([agvjax.Fault("--path", file, rule)]) from error
-    rows = np.column_stack([table[x], table[y]])
-    closed = len(rows) > 3 and bool(np.array_equal(rows[0], rows[-1]))
+        rows, speed, _ = track_of({"file": file}, False, ("speed",), unsaid)
+    except agvjax.InputError as error:
+        raise agvjax.InputError([fault._replace(key="--path", value=file) for fault in error.faults]) from error
     ways = np.diff(rows, axis=0)
     ways = ways[np.hypot(*ways.T) > 0]
     turns = np.diff(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))
     return Points(
         file=file,
-        columns={name: found for name, found in columns.items() if found != name},
-        closed=closed,
+        closed=len(rows) > 3 and bool(np.array_equal(rows[0], rows[-1])),
         cornered=bool(np.any(np.abs(turns) > SHARP)),
-        speeds="speed" in columns,
+        speeds=speed is not None,
     )
-
-
-def _column(name: str, there: list[str]) -> str:
-    """The column of a name, or of the name with its unit; empty without one."""
-    wanted = [name, f"{name}_m", f"{name}[m]", f"{name}_mps", "vx_mps" if name == "speed" else name]
-    return next((column for want in wanted for column in there if column.lower() == want), "")
 
 
 # long: the file from its first line to its last
@@ -105,7 +91,7 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
     actuators = ("left", "right") if kind == "differential" else ("speed", "steering_angle")
     actuators = ("speed", "yaw_rate") if kind == "twist" else actuators
     route = _route(kind, numbers, path)
-    laid = RECIPES[agvjax.Route].make(route)
+    laid = RECIPES[agvjax.Route].make(route, unsaid)
     assert isinstance(laid, agvjax.Route)
     position, heading = _start(laid)
     lines = [
@@ -164,16 +150,15 @@ def _route(kind: str, numbers: Mapping[str, float], path: Points | None) -> dict
         size = max(1.0, radius / 2)  # of a truck: so that its corners have room
         corners = [[size * x, size * y] for x, y in RECTANGLE]
         return {"type": "route", "points": corners, "radius": radius, "closed": True, **rest}
-    columns = {"columns": path.columns} if path.columns else {}
     corner = {"tolerance": numbers["corner"]} if path.cornered else {}
-    return {"type": "route", "file": path.file, **columns, "closed": path.closed, **corner, **rest}
+    return {"type": "route", "file": path.file, "closed": path.closed, **corner, **rest}
 
 
 def _start(route: agvjax.Route) -> tuple[list[float], float]:
-    """Where [m] the path begins, and the heading [rad] along it; of its first piece, without waking JAX."""
-    table, sign = np.asarray(route.table), float(np.asarray(route.legs)[3, 0])
-    heading = math.atan2(sign * table[7, 0], sign * table[1, 0])
-    return [round(float(x), 6) + 0.0 for x in table[[0, 6], 0]], round(heading, 6) + 0.0
+    """Where [m] the path begins on its map, and the heading [rad] along it."""
+    start = mapped.begun(route)
+    position = np.asarray(start.position) + route.origin
+    return [round(float(x), 6) + 0.0 for x in position], round(float(start.heading), 6) + 0.0
 
 
 def _zone(actuator: str, kind: str, numbers: Mapping[str, float]) -> dict[str, float]:

@@ -58,11 +58,8 @@ def load(
     """
     loaded, table = load_files(imports), {}
     read = {name: parsed(name) for name in files}
-    parts = [
-        *read.values(),
-        *map(_override, overrides),
-        *(_nested(key.split("."), x) for key, x in (more or {}).items()),
-    ]
+    said_here = [*map(_override, overrides), *(_nested(key.split("."), x) for key, x in (more or {}).items())]
+    parts = [*_started_elsewhere(read, said_here, note or said), *said_here]
     if not any("scenario" in part for part in parts):
         parts = [*_beside(read, note or said), *parts]
     for part in parts:
@@ -74,6 +71,30 @@ def load(
 def said(text: str) -> None:
     """What a caller in Python should know."""
     warnings.warn(text, UserWarning, stacklevel=3)
+
+
+def _started_elsewhere(
+    read: Mapping[str, dict[str, Toml]], others: Sequence[dict[str, Toml]], note: Callable[[str], None]
+) -> list[dict[str, Toml]]:
+    """The tables of files, those of presets without their start where another lays a path of its own through points."""
+
+    def part(table: Mapping[str, Toml], name: str) -> Mapping[str, Toml]:
+        scenario = table.get("scenario")
+        found = scenario.get(name) if isinstance(scenario, Mapping) else None
+        return found if isinstance(found, Mapping) else {}
+
+    own = [*(table for name, table in read.items() if name not in BUILT_IN), *others]
+    laid = any({"file", "points"} & set(part(table, "path")) for table in own)
+    told = any("position" in part(table, "start") for table in own)
+    begun = [name for name, table in read.items() if laid and not told and name in BUILT_IN and part(table, "start")]
+    for name in begun:
+        note(f"the start of {name} is of its own path: without scenario.start vehicles start where scenario.path does")
+    return [
+        {**table, "scenario": {key: x for key, x in table["scenario"].items() if key != "start" or name not in begun}}
+        if "scenario" in table
+        else table
+        for name, table in read.items()
+    ]
 
 
 def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict[str, Toml]]:

@@ -12,6 +12,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import metrics_of
 
+from . import mapped, routes
 from .codecs import CODECS
 from .names import CLASSES, Classes
 from .old import RETIRED
@@ -58,17 +59,29 @@ class Reader:
             default = dataclasses.replace(default, controller=law)
         self.limits = default_limits(metrics_of(default.scenario), default.controller.follows())
         rest = {name: part for name, part in table.items() if name not in ("scenario", "controller")}
-        return self.fields("", default, rest)
+        config, wrong = mapped.draws(self.fields("", default, rest), -1)
+        self.faults += wrong
+        return config
 
     def scenario(self, default: agvjax.Scenario, table: Toml) -> agvjax.Scenario:
-        """A scenario; its plant first, which has the actuators and their nominal deadzones."""
+        """A scenario; its plant first, which has the actuators and their nominal deadzones.
+
+        Where no start is said, a path through points has its own.
+        """
         if isinstance(table, Mapping) and "plant" in table:
             plant = self.read("scenario.plant", default.plant, table["plant"])
             nominal = default.deadzone if plant.actuators == default.plant.actuators else plant.deadzones()
             default = dataclasses.replace(default, plant=plant, deadzone=nominal)
             table = {name: part for name, part in table.items() if name != "plant"}
         self.plant = default.plant
-        return self.fields("scenario", default, table)
+        if not isinstance(table, Mapping) or "path" not in table:
+            return self.fields("scenario", default, table)
+        path, begun = self.read("scenario.path", default.path, table["path"]), table.get("start", {})
+        default = dataclasses.replace(default, path=path)
+        if isinstance(path, routes.MADE) and isinstance(begun, Mapping) and "position" not in begun:
+            default = mapped.start(dataclasses.replace(default, start=mapped.begun(path)), 1)
+        rest = {name: part for name, part in table.items() if name != "path"}
+        return mapped.start(self.fields("scenario", default, rest), -1)
 
     def read(self, key: str, default: Any, table: Toml, choices: Sequence[str | int] = ()) -> Any:
         """What stands at `key`: the default, changed by the table."""
@@ -156,13 +169,11 @@ class Reader:
         """An object that a recipe makes from the table."""
         self.named(key, table, list(recipe.keys))
         try:
-            instance = recipe.make(table)
+            instance = recipe.make(table, self.notes.append)
         except agvjax.InputError as error:
             for fault in error.faults:
                 self.wrong(f"{key}.{fault.key}", fault.value, fault.rule, fault.source)
             return default
-        if unread := recipe.unread(table):
-            self.notes.append(unread)
         return instance
 
     def plain(self, key: str, default: Any, value: Toml, choices: Sequence[str | int] = ()) -> Any:

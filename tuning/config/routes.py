@@ -11,6 +11,7 @@ import numpy as np
 
 import agvjax
 
+from . import tracks
 from .names import CLASSES
 from .spellings import Toml, numbers
 
@@ -41,13 +42,14 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
     half_width = given.get("half_width", 0.0) if widths is None else widths
     common = {"limits": limits, "half_width": half_width}
     key = "along" if rows is None else "file" if "file" in table else "points"
+    origin = (0.0, 0.0) if rows is None else tracks.origin(rows)
     try:
         if rows is None:
             _absent(table, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
             route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), faster=quicker, **common)
         else:
             _absent(table, ("until",), "but where the route is along a shape")
-            points, speed = rows[:, :2], quicker * (rows[:, 2] if rows.shape[1] == 3 else 1.0)
+            points, speed = rows[:, :2] - origin, quicker * (rows[:, 2] if rows.shape[1] == 3 else 1.0)
             closed = given.get("closed", False)
             corner = {name: given[name] for name in ("radius", "tolerance") if name in given}
             lay: Any = agvjax.Route.corners if corner else agvjax.Route.through
@@ -62,7 +64,7 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
     if rows is not None:
         made["points"] = rows.tolist()
         made["half_width"] = np.asarray(half_width).tolist()
-    return dataclasses.replace(route, made=json.dumps(made))
+    return dataclasses.replace(route, made=json.dumps(made), origin=origin)
 
 
 def table_of(route: agvjax.Route) -> dict[str, Toml]:

@@ -17,6 +17,7 @@ from agvjax import Fault
 from agvjax.engine.loop import RESOLUTION, farthest
 from agvjax.leaves import cast
 
+from . import mapped, routes
 from .ends import Moving, placed
 from .settings import Config
 
@@ -48,26 +49,29 @@ def _starts(config: Config, moving: Iterable[Moving]) -> np.ndarray:
 
 def faults(config: Config, moving: Sequence[Moving] = ()) -> list[Fault]:
     """Positions that the numbers do not resolve, and starts of which none is anywhere near the path."""
-    way, starts = course(config), _starts(config, moving)
+    way, starts, off = course(config), _starts(config, moving), mapped.origin(config.scenario)
     wrong, limit = [], farthest(np.float32)
     for what, points in {"the path": way, "a start": starts}.items():
         far = float(np.abs(points).max())
         if config.precision == 32 and far > limit:
-            rule = f"64 (--precision 64): {what} lies {far:.6g} m from the origin, and 32 bits tell places"
+            rule = (
+                f"64 (--precision 64): {what} lies {far:.6g} m from the origin{_from(config)}, and 32 bits tell places"
+            )
             wrong.append(Fault("precision", 32, f"{rule} {RESOLUTION:g} m apart up to {limit:.0f} m only"))
     turned, most = float(config.scenario.start.heading), farthest(f"float{config.precision}")
     if abs(turned) > most:
         rule = f"at most {most:.4g} in size: {config.precision} bits tell none {RESOLUTION:g} rad apart beyond"
         wrong.append(Fault("scenario.start.heading", turned, rule))
-    extent = float(np.linalg.norm(way - way[0], axis=1).max())
+    extent = _extent(way)
     nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))
     gap = float(np.linalg.norm(nearest - way[0]))
     drawn = any(axis.key == "ensemble.draws" and START in axis.spans for axis in moving)
     if drawn and gap > max(extent, FAR):
         rule = (
-            f"nearer to where scenario.path begins, {_point(way[0])}: every drawn start lies {gap:.4g} m or more away"
+            f"nearer to where scenario.path begins, {_point(way[0] + off)}: every drawn start lies {gap:.4g} m or more"
         )
-        wrong.append(Fault(DRAWN, _point(nearest), f"{rule}, and the path goes no farther than {extent:.4g} m"))
+        rule += f" away, and the path goes no farther than {extent:.4g} m"
+        wrong.append(Fault(DRAWN, _point(nearest + off), rule))
     return wrong
 
 
@@ -75,20 +79,31 @@ def notes(config: Config, moving: Sequence[Moving] = ()) -> list[str]:
     """What of the path, the start and the horizon may not be meant."""
     way, path, horizon = course(config), config.scenario.path, config.simulate.horizon
     said = []
-    extent, start = float(np.linalg.norm(way - way[0], axis=1).max()), np.asarray(config.scenario.start.position, float)
-    gap = float(np.linalg.norm(start - way[0]))
-    drawn = any(name.startswith(START) for axis in moving for name in axis.spans)
-    if gap > max(NEAR, NEAR_SHARE * extent) and not drawn:
-        said.append(
-            f"the vehicle starts at {_point(start)} (scenario.start.position), {gap:.3g} m from {_point(way[0])}, where"
-            " scenario.path begins"
-        )
+    extent, off, starts = _extent(way), mapped.origin(config.scenario), _starts(config, moving)
+    nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))
+    gap = float(np.linalg.norm(nearest - way[0]))
+    if gap > max(NEAR, NEAR_SHARE * extent):
+        drawn = any(name.startswith(START) for axis in moving for name in axis.spans)
+        where = f"the vehicle starts at {_point(nearest + off)} (scenario.start.position), {gap:.3g} m"
+        where = f"every vehicle starts {gap:.3g} m or more ({DRAWN} or sweep.over)" if drawn else where
+        said.append(f"{where} from {_point(way[0] + off)}, where scenario.path begins")
     lap = _lap(path)
     if horizon < LAP * lap:
         said.append(f"the run ends after {horizon:.4g} s (simulate.horizon), the path takes {lap:.4g} s")
-    if isinstance(path, agvjax.Waypoints) and (bulge := _bulge(path)):
+    if bulge := _bulge(path):
         said.append(bulge)
     return said
+
+
+def _extent(way: np.ndarray) -> float:
+    """How far [m] a path goes from where it begins."""
+    return float(np.linalg.norm(way - way[0], axis=1).max())
+
+
+def _from(config: Config) -> str:
+    """Which origin it is, where it is not the map's."""
+    off = mapped.origin(config.scenario)
+    return f", here {_point(off)} of the map" if off.any() else ""
 
 
 def _point(place: np.ndarray) -> str:
@@ -105,17 +120,20 @@ def _lap(path: agvjax.Path) -> float:
 
 def _bulge(path: Any) -> str:
     """How far a curve through points leaves the straight lines between them, where that is much for their distance."""
-    corners = np.asarray(path.points, float)[:, :2]
+    corners, count = mapped.corners(path), 0
+    if corners is None or (isinstance(path, agvjax.Route) and {"radius", "tolerance"} & set(routes.table_of(path))):
+        return ""
+    corners, count = corners - path.origin, len(corners)
     corners = np.r_[corners, corners[:1]] if path.closed else corners
     first, line = corners[:-1], np.diff(corners, axis=0)
     length = np.linalg.norm(line, axis=1)
-    way = path.geometry(max(2000, 8 * len(corners)))
-    along = np.r_[0, np.cumsum(length)] * (way.arc[-1] / length.sum())
-    about = np.clip(np.searchsorted(along, way.arc) - 1, 0, len(length) - 1)
+    arc, place = _curve(path, max(2000, 8 * len(corners)))
+    along = np.r_[0, np.cumsum(length)] * (arc[-1] / length.sum())
+    about = np.clip(np.searchsorted(along, arc) - 1, 0, len(length) - 1)
     best, which = np.full(len(about), np.inf), about.copy()
     for shift in range(-WINDOW, WINDOW + 1):
         k = (about + shift) % len(length) if path.closed else np.clip(about + shift, 0, len(length) - 1)
-        away = way.position - first[k]
+        away = place - first[k]
         share = np.clip(np.sum(away * line[k], axis=1) / length[k] ** 2, 0, 1)
         gap = np.linalg.norm(away - share[:, None] * line[k], axis=1)
         best, which = np.where(gap < best, gap, best), np.where(gap < best, k, which)
@@ -126,6 +144,20 @@ def _bulge(path: Any) -> str:
     k = int(which[i])
     return (
         f"scenario.path is a smooth curve through its points and leaves the straight line from number {k + 1} to number"
-        f" {(k + 1) % len(path.points) + 1} by {best[i]:.3g} m, {best[i] / length[k]:.0%} of their distance; more"
-        " points on the line hold it there"
+        f" {(k + 1) % count + 1} by {best[i]:.3g} m, {best[i] / length[k]:.0%} of their distance; more points on the"
+        f" line hold it there, and a route with radius or tolerance is of straight lines with rounded corners"
     )
+
+
+def _curve(path: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths (n,) and places (n, 2) along a path through points, on the host."""
+    if isinstance(path, agvjax.Waypoints):
+        way = path.geometry(n)
+        return way.arc, way.position
+    table, (begins, pace, first, _) = np.asarray(path.table, float), np.asarray(path.legs, float)
+    arc = np.linspace(0, float(path.length), n)
+    leg = np.clip(np.searchsorted(begins, arc, "right") - 1, 0, None)
+    along = np.clip(first[leg] + (arc - begins[leg]) * pace[leg], 0, table.shape[1] - 1e-9)
+    piece = along.astype(int)
+    powers = (along - piece) ** np.arange(6)[:, None]
+    return arc, np.stack([np.sum(table[:6, piece] * powers, 0), np.sum(table[6:, piece] * powers, 0)], axis=1)

@@ -13,6 +13,7 @@ import tomli_w
 import agvjax
 from agvjax.metric_table import metrics_of
 
+from . import mapped
 from .codecs import CODECS
 from .imports import classes, source
 from .names import CLASSES
@@ -91,7 +92,9 @@ class Writer:
 def table_of(config: Config, settings: bool = False) -> tuple[dict[str, Toml], Writer]:
     """The table of a configuration, or of all but its law, its scenario and its imports; and its writer."""
     limits = default_limits(metrics_of(config.scenario), config.controller.follows())
+    config, wrong = mapped.draws(dataclasses.replace(config, scenario=mapped.start(config.scenario, 1)), 1)
     writer = Writer(config.scenario.plant, limits)
+    writer.faults += wrong
     left, default = {"imports", "controller", "scenario"} if settings else {"imports"}, vars(Config())
     parts = {name: part for name, part in vars(config).items() if name not in left}
     table = {name: writer.write(name, part, default[name]) for name, part in parts.items()}

@@ -22,6 +22,7 @@ from agvjax.leaves import leaves, rule_of, unit_of
 from agvjax.paths.heading import reference
 
 from .. import config as configuration
+from ..config import mapped
 from ..config.settings import Config
 from ..io.files import Json, finite, text
 from ..io.plain import toml
@@ -93,7 +94,7 @@ def _route(config: Config, controller: Sampled) -> Route | None:
         law = type(controller.inner).__name__
         rule = f"a route, type = 'route', which {law} follows: it lies in the configuration beside the gains (--config)"
         raise InputError([Fault("scenario.path", type(path).__name__, rule)])
-    return dataclasses.replace(path, half_widths=None)
+    return dataclasses.replace(mapped.laid(path), half_widths=None)
 
 
 def _provenance(config: Config, controller: Sampled, source: str, stated: str, known: bool) -> Json:

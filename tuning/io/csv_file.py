@@ -1,4 +1,4 @@
-"""Files of columns with a header: separated by commas, semicolons, tabs or spaces, with comments behind a #."""
+"""Files of columns with a header: separated by commas, semicolons, tabs or spaces, with comments behind a # or //."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from .numbers import real
 
 LARGEST_FILE = 500_000_000  # bytes of a log
 LARGEST = 1e30  # a cell that is larger stands for a value that is not there
-COMMENT = "#"  # what begins a line that is none of the rows; before the first row the last such line may be the header
+COMMENTS = ("#", "//", "% ")  # what begins a line that is none of the rows; before the first row one may be the header
 SEPARATORS = ",;\t"  # the first of them that the header has; without one, columns are separated by spaces
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
-    **{"m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
+    **{"mph": 0.44704, "m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
 }
 
 KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
 KINDS |= dict.fromkeys(("left", "right"), "m cm mm")  # of a corridor
-KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h") | {"yaw_rate": "rad/s deg/s rpm"}  # units of our names
+KINDS |= dict.fromkeys(("lat", "lon"), "deg rad") | {"yaw_rate": "rad/s deg/s rpm"}
+KINDS |= dict.fromkeys(("vx", "vy", "speed"), "m/s mm/s km/h mph")  # units of our names
 
 
 def units_like(unit: str) -> list[str]:
@@ -75,8 +76,9 @@ def read(
 ) -> dict[str, np.ndarray]:
     """Columns of a CSV file by the names in its header; the other columns are not looked at.
 
-    The header is the first row, or the last of the comments before rows that are numbers alone. Times may be dates with
-    a time of day (ISO 8601), which are read as seconds since 1970.
+    The header is the first row, or before rows that are numbers alone the last of the comments with as many names as
+    they have columns; without one the columns are called 1, 2, 3. Times may be dates with a time of day (ISO 8601),
+    which are read as seconds since 1970.
 
     Args:
         file: the CSV file.
@@ -150,16 +152,18 @@ def _stamps(file: str | Path, rows: list[tuple[int, list[str]]], at: int) -> np.
     return np.array(instants)
 
 
-def names(file: str | Path) -> list[str]:
-    """The names in the header of a CSV file; raises as `read`."""
-    return [name.strip() for name in _rows(file, ())[0][1]]
+def names(file: str | Path, columns: Sequence[str] = ()) -> list[str]:
+    """The names in the header of a CSV file that should have some `columns`; raises as `read`."""
+    return [name.strip() for name in _rows(file, columns)[0][1]]
 
 
 def _wanted(file: str | Path, header: list[str], columns: Sequence[str], optional: Sequence[str]) -> list[str]:
     """The columns to read, each of which must stand in the header once."""
     missing = [name for name in columns if name not in header]
     if missing:
-        raise ValueError(f"{file} has no column {', '.join(missing)}; its first row has {', '.join(header)}")
+        named = header != numbered(len(header))
+        there = "its first row has" if named else "it has no header, and its columns are called"
+        raise ValueError(f"{file} has no column {', '.join(missing)}; {there} {', '.join(header)}")
     wanted = [name for name in (*columns, *optional) if name in header]
     double = [name for name in wanted if header.count(name) > 1]
     if double:
@@ -201,13 +205,21 @@ def _split(text: str) -> list[tuple[int, list[str]]]:
     """The header and the rows below it, each with its line number and its cells; none of a file without any."""
     lines, comments = [], []  # with their numbers; the comments are those before the first row
     for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith(COMMENT):
-            comments += [] if lines else [(number, line.lstrip().lstrip(COMMENT))]
+        if line.lstrip().startswith(COMMENTS):
+            comments += [] if lines else [(number, line.lstrip().lstrip("#/%"))]
         elif line.strip(SEPARATORS + " "):
             lines.append((number, line))
     rows = _cells(lines)
-    header = _cells(comments[-1:])
-    return header + rows if rows and not any(map(_word, rows[0][1])) else rows
+    if not rows or sum(map(_word, rows[0][1])) > sum(map(_number, rows[0][1])):  # a row may have words too: on, off
+        return rows
+    named = [cells for comment in comments for cells in _cells([comment]) if any(map(_word, cells[1]))]
+    fitting = [cells for cells in named if len(cells[1]) == len(rows[0][1])] or named
+    return (fitting[-1:] or [(0, numbered(len(rows[0][1])))]) + rows
+
+
+def numbered(count: int) -> list[str]:
+    """The names of columns that have none: 1, 2, 3."""
+    return [str(k) for k in range(1, count + 1)]
 
 
 def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
@@ -225,6 +237,13 @@ def _word(cell: str) -> bool:
     """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf."""
     start = cell.strip().lstrip("_")[:1]
     return start.isalpha() and cell.strip().lower() not in ("nan", "inf", "infinity")
+
+
+def _number(cell: str) -> bool:
+    try:
+        return np.isfinite(real(cell))
+    except ValueError:
+        return False
 
 
 def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:

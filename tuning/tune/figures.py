@@ -120,18 +120,20 @@ def _label(standing: Standing) -> str:
     return standing.requirement.name + (" (active limit)" if standing.active else " (limit)" if standing.limit else "")
 
 
-def tracking_figure(before: agvjax.Trajectory, after: agvjax.Trajectory, title: str) -> Figure:
-    """Path, size of the errors and of the commands, before and after."""
+def tracking_figure(
+    before: agvjax.Trajectory, after: agvjax.Trajectory, title: str, points: np.ndarray | None = None
+) -> Figure:
+    """Path with the `points` that it was laid through, size of the errors and of the commands, before and after."""
     runs = {"starting gains": before, "tuned": after}
     figure = Figure(figsize=(10, 5.6), layout="constrained")
     figure.suptitle(title, fontsize=10)
     heading = np.shape(before.command)[-1] == 3
     names = ["position", *(["heading"] if heading else []), "command"]
     parts = figure.subplot_mosaic([["path", name] for name in names], width_ratios=[1, 1.4])
-    plot.draw_path(parts["path"], runs)
+    plot.draw_path(parts["path"], runs, points)
     if (legend := parts["path"].get_legend()) is not None:
         legend.remove()
-    figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=4, loc="outside lower center")
+    figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=5, loc="outside lower center")
     for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
         t, error, command = np.asarray(run.t), plot.shown(agvjax.tracking_error(run)), plot.shown(run.command)
         if run.route is None:

@@ -12,6 +12,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import METRICS, metrics_of
 
+from ..config import mapped
 from ..config.settings import FOLLOWED_METRICS, LATE
 from ..ensemble.worst import statement
 from ..io import files
@@ -254,12 +255,15 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     drawings: dict[str, Drawing] = {}
     for name, (title, scene) in scenes.items():
         before, after = (
-            agvjax.simulate(
-                agvjax.check(law), agvjax.check(scene), save_every=config.simulate.save_every, **config.timing()
+            mapped.drawn(
+                agvjax.simulate(
+                    agvjax.check(law), agvjax.check(scene), save_every=config.simulate.save_every, **config.timing()
+                ),
+                scene,
             )
             for law in (config.controller, outcome.controller)
         )
-        drawings[name] = partial(figures.tracking_figure, before, after, title)
+        drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path))
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
@@ -273,7 +277,7 @@ def _worst(outcome: Outcome, verdict: TuneVerdict) -> Mapping[str, object]:
     """The worst scenario found for each metric, so that it can be looked at again, and why the gains failed, if so."""
     rows = [
         {"metric": f.metric, "value": f.value, "searches": f.searches, "samples": f.samples, "rollouts": f.rollouts}
-        | {"scenario": {name: np.asarray(value).tolist() for name, value in f.scenario.items()}}
+        | {"scenario": mapped.told(f.scenario, outcome.problem.config.scenario)}
         for f in outcome.found
     ]
     gains = {name: np.asarray(value, float).tolist() for name, value in agvjax.leaves(outcome.controller).items()}

@@ -132,10 +132,11 @@ def test_an_open_curve_of_other_columns_with_speeds(here):
     rows = [f"{a:.4f},{b:.4f},0.4" for a, b in zip(x, np.sin(x / 2), strict=True)]
     (here / "curve.csv").write_text("# x_m,y_m,vx_mps\n" + "\n".join(rows) + "\n")
     found = begun.points("curve.csv")
-    assert found.columns == {"x": "x_m", "y": "y_m", "speed": "vx_mps"}
-    assert not found.closed and not found.cornered
+    assert found.speeds and not found.closed and not found.cornered
     problem("--vehicle", "twist", "--path", "curve.csv")
-    route = configuration.load(["agv.toml"], [], faults).scenario.path
+    said = []
+    route = configuration.load(["agv.toml"], [], faults, note=said.append).scenario.path
+    assert said == ["curve.csv: x is x_m; y is y_m; speed is vx_mps"]
     assert not route.closed
     assert np.asarray(route.squares)[0].max() <= 0.4**2 + 1e-9
 
@@ -153,7 +154,7 @@ def test_what_is_there_is_not_overwritten(here, capsys):
         (("--vehicle", "differential", "--rate", -1, "--delay", 9), "--rate = -1.0: must be a number > 0"),
         (("--vehicle", "twist", "--wheelbase", 1), "--wheelbase = 1.0: must be left out for twist"),
         (("--vehicle", "car", "--path", "rectangle.csv"), "goes by the clock"),
-        (("--vehicle", "twist", "--path", "none.csv"), "a CSV file with columns x and y"),
+        (("--vehicle", "twist", "--path", "none.csv"), "a CSV file with the columns x, y"),
     ],
 )
 def test_bad_input_is_named_and_nothing_is_written(options, words, here, capsys):

@@ -85,7 +85,7 @@ def test_a_built_in_problem_follows_a_route(name):
 
 def test_what_follows_from_a_bad_path_is_not_said_besides():
     with pytest.raises(agvjax.InputError) as refused:
-        load(["base"], ["scenario.path.points=[[0, 0], [0, 0]]"], faults)
+        load(["base"], ["scenario.path.points=[[0, 0], [0, 0]]"], faults, note=lambda text: None)
     assert [fault.key for fault in refused.value.faults] == ["scenario.path.points"]
 
 

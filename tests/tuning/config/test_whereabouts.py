@@ -82,7 +82,13 @@ def test_a_start_off_the_path_is_said_where_it_is_not_drawn():
     config = started(config_of(waypoints(CORNERS[:2])), 3.0, -4.0)
     (text, *_) = notes(config)
     assert "starts at (3, -4) (scenario.start.position), 5 m from (0, 0), where scenario.path begins" in text
-    assert not any("starts at" in text for text in notes(config, Moving.drawn({START: Plus(0.0, 1.0)})))
+    drawn = [text for text in notes(config, Moving.drawn({START: Plus(0.0, 1.0)})) if "begins" in text]
+    # the nearest corner of the draws is (3, -3)
+    assert drawn == [
+        f"every vehicle starts {np.hypot(3, 3):.3g} m or more (ensemble.draws.{START} or sweep.over) from (0, 0), where"
+        " scenario.path begins"
+    ]
+    assert not any("begins" in text for text in notes(config, Moving.drawn({START: Plus(-5.0, 5.0)})))
     assert not any("starts at" in text for text in notes(started(config, 0.5, 0.5)))
 
 
@@ -111,15 +117,11 @@ def test_a_curve_that_swings_out_between_its_points_is_said():
 
 def test_columns_that_are_not_read_are_named(tmp_path):
     file, said = tmp_path / "track.csv", []
-    file.write_text("x,y,velocity,yaw\n0,0,8,0\n10,0,8,0\n20,1,8,0\n")
+    file.write_text("x,y,z,yaw\n0,0,8,0\n10,0,8,0\n20,1,8,0\n")
     table = f"scenario.path={{type='waypoints',file='{file}'}}"
     load([], [table], note=said.append)
-    assert (
-        len(said) == 1
-        and "velocity, yaw not read; a column speed [m/s]" in said[0]
-        and "scenario.path.speed" in said[0]
-    )
-    with pytest.warns(UserWarning, match="velocity, yaw not read"):
+    assert len(said) == 1 and "z, yaw not read; no column speed: 1 m/s (scenario.path.speed" in said[0]
+    with pytest.warns(UserWarning, match="z, yaw not read"):
         load([], [table])
     file.write_text("x,y,speed\n0,0,8\n10,0,8\n20,1,8\n")
     load([], [table], note=said.append)

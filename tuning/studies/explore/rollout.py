@@ -16,7 +16,7 @@ from agvjax.leaves import get, swap
 from agvjax.metric_table import metrics_of
 
 from ...compute.compiled import Ahead
-from ...config import dump
+from ...config import dump, mapped
 from ...config.ends import LAW
 from ...config.settings import Config
 from ...ensemble.draws import sample
@@ -74,7 +74,8 @@ class Rollouts:
         values = self._leaves(config)
         others = self._pool.submit(lambda: jax.device_get(self._many(values, self._drawn(config))))
         curves = jax.device_get(self._run(values))
-        numbers, ok = curves.pop("metrics"), curves.pop("ok")
+        numbers, ok, off = curves.pop("metrics"), curves.pop("ok"), mapped.origin(config.scenario)
+        curves |= {name: np.asarray(curves[name], float) + off for name in ("path", "position")} if off.any() else {}
         every, fine = others.result()
         with np.errstate(invalid="ignore"):
             mean = every.mean(axis=1)

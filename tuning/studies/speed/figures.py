@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from agvjax.draw import plot
 
+from ...config import mapped
 from ...config.settings import Config
 from ...io.panels import panels
 from .place import Place
@@ -76,7 +77,7 @@ def places(found: list[Place], config: Config) -> Figure:
 
 
 def _place(drawn: Figure, axes: Any, place: Place, config: Config) -> None:
-    beside, route = cast(Any, place.run.route), cast(Any, config.scenario.path)
+    beside, route = cast(Any, place.run.route), mapped.laid(cast(Any, config.scenario.path))
     counts = np.asarray(place.run.t) >= late(config, place.tried.factor)
     path = np.asarray(beside.position)
     knots = np.asarray(route.table)[[0, 6]]  # where pieces begin

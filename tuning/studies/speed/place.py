@@ -8,6 +8,7 @@ import numpy as np
 
 import agvjax
 
+from ...config import mapped
 from .study import Study, late
 from .tried import Tried
 
@@ -47,7 +48,7 @@ class Place(NamedTuple):
 
 def place(study: Study, tried: Tried) -> Place:
     """Where the vehicle that binds at a speed is farthest off its route, or of its corridor where that counts."""
-    run = study.drive(tried)
+    run = mapped.drawn(study.drive(tried), study.config.scenario)
     return Place(tried, run, farthest(run, late(study.config, tried.factor), not study.config.speed.within))
 
 

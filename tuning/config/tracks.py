@@ -1,0 +1,77 @@
+"""What was read of a file of waypoints, made ready to lay a path through: thinned, with speeds, near an origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..io import drives
+
+FAR = 1000.0  # m from a map's origin, from which on a path is counted from its own beginning
+SPOKEN = 1.0  # s of standing still that are worth a word
+
+
+class Track(NamedTuple):
+    """Waypoints.
+
+    Attributes:
+        points: (N, 2) m.
+        speed: at each [m/s]; None: the file does not say.
+        widths: of a corridor to the left and to the right of each (N, 2) m; None: the file does not say.
+        said: what was done to them.
+    """
+
+    points: np.ndarray
+    speed: np.ndarray | None
+    widths: np.ndarray | None
+    said: list[str]
+
+
+def origin(rows: np.ndarray) -> tuple[float, float]:
+    """Where [m] of its map a path through rows (N, ...) is counted from: whole metres by its first point, if far."""
+    if rows.shape[0] == 0 or not np.all(np.isfinite(rows[0, :2])) or np.abs(rows[0, :2]).max() < FAR:
+        return (0.0, 0.0)
+    x, y = np.round(rows[0, :2]).tolist()
+    return x, y
+
+
+def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spacing: float | None) -> Track:
+    """The waypoints of columns x, y and perhaps speed, t, left and right.
+
+    Args:
+        columns: by our names, in SI units.
+        closed: whether the path goes on from its last point to its first.
+        fixed: whether the speed is said elsewhere.
+        spacing: at least so far apart [m]; None: a recorded drive as far as it takes, others as they are.
+
+    Raises:
+        ValueError: the points make no path at any spacing.
+    """
+    points, t = np.column_stack([columns["x"], columns["y"]]), columns.get("t")
+    if closed and len(points) > 3 and np.array_equal(points[0], points[-1]):  # as racing lines are written
+        columns = {name: values[:-1] for name, values in columns.items()}
+        points, t = points[:-1], None if t is None else t[:-1]
+    if spacing is None:
+        kept = drives.thinned(points, closed, t is not None)
+    else:
+        kept = drives.Thinned(drives.apart(points, spacing), spacing)
+    said, speed = [], columns.get("speed")
+    if (fewer := len(points) - len(kept.rows)) > 0:
+        near = f"nearer than {kept.spacing:.3g} m to the one before (standing still, jitter; scenario.path.spacing)"
+        said.append(f"{fewer} of {len(points)} points left out, {near}")
+    if speed is not None:
+        speed = speed[kept.rows]
+    elif t is not None and not fixed:
+        speed, stood = drives.speeds(points, t, kept)
+        said.append("speeds are those at which it was driven" + (f", {stood:.0f} s at rest apart" * (stood > SPOKEN)))
+    if speed is not None and not fixed:
+        speed, still = drives.moving(speed)
+        crawl = f"{drives.CRAWL:.0%} of the largest"
+        said += [f"speed 0 at {still} of {len(speed)} points taken for {crawl}, for a path does not stand"] * (
+            still > 0
+        )
+    both = "left" in columns and "right" in columns
+    widths = np.column_stack([columns["left"], columns["right"]])[kept.rows] if both else None
+    return Track(points[kept.rows], speed, widths, said)
