@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -137,8 +137,14 @@ def motion(t: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np
     heading = np.r_[0.0, np.cumsum(w[:-1] * np.diff(t))]
     forth = np.column_stack([np.cos(heading), np.sin(heading)])
     velocity, nothing = v[:, None] * forth, np.zeros_like(forth)
-    asked: Any = dict(position=nothing, velocity=velocity, acceleration=nothing, heading=heading, heading_rate=w)
-    return agvjax.Motion(v, w, a, alpha, agvjax.Reference(**asked))
+    asked = agvjax.Reference(
+        position=jnp.asarray(nothing),
+        velocity=jnp.asarray(velocity),
+        acceleration=jnp.asarray(nothing),
+        heading=jnp.asarray(heading),
+        heading_rate=jnp.asarray(w),
+    )
+    return agvjax.Motion(v, w, a, alpha, asked)
 
 
 def _sines(t: np.ndarray, share: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from agvjax import Fault
@@ -233,8 +234,7 @@ def _aside(moved: np.ndarray, begins: np.ndarray, middle: np.ndarray, ends: np.n
 
     What its reference point swings out by, being ahead of the axle that rolls, is not counted.
     """
-    apart: Any = ends - begins
-    turned = np.asarray(wrap(apart))
+    turned = np.asarray(wrap(jnp.asarray(ends - begins)))
     aside = moved[:, 1] * np.cos(middle) - moved[:, 0] * np.sin(middle)
     ahead = aside @ turned / max(turned @ turned, 1e-12)  # m
     return float(np.median(np.abs(aside - ahead * turned) / np.linalg.norm(moved, axis=1)))
