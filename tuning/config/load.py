@@ -219,9 +219,22 @@ def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> No
         if isinstance(value, Mapping) and isinstance(before, str) and at not in NAMED:
             before = into[name] = {"type": before}  # a name stands for its table
         if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
+            if key == "scenario.path":
+                _laid_anew(before, value)
             _merge(before, value, key)
         elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
             into[name] = value  # and a section that is no table stays, to be refused
+
+
+def _laid_anew(before: dict[str, Toml], table: Mapping[str, Toml]) -> None:
+    """Take out of a path what belongs to its points, where a later table says others."""
+    if not {"file", "points", "along"} & set(table):
+        return
+    for name in ("file", "points", "along", "columns", "spacing"):
+        before.pop(name, None)
+    for name in ("speed", "half_width"):  # one for each point
+        if isinstance(before.get(name), list) and len(before[name]) != 2:
+            del before[name]
 
 
 def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:
