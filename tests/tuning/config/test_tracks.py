@@ -221,6 +221,17 @@ def test_the_start_of_a_preset_goes_with_its_path(tmp_path):
     assert config.scenario.start.velocity.tolist() == [8, 4] and not [text for text in said if "start of" in text]
 
 
+def test_points_of_a_later_table_take_the_place_of_those_before(tmp_path):
+    file = written(tmp_path, "x,y", np.column_stack([np.arange(5.0) * 4, [0.0, 0, 0, 4, 8]]))
+    config, _ = track(file, files=("base",), kind="route", closed="false")
+    path = config.scenario.path
+    np.testing.assert_array_equal(mapped.corners(path)[-1], [16, 8])
+    # what the preset says besides stays: its corridor
+    assert float(path.half_widths[0, 0]) == 0.25 and not path.closed
+    again, _ = track(file, "scenario.path.points=[[0,0],[9,0],[9,9]]", files=("base",), kind="route", closed="false")
+    assert len(mapped.corners(again.scenario.path)) == 3
+
+
 def test_draws_of_the_built_in_bases_are_about_their_start():
     for name, there in (("base", [[1, -0.3], [1, 0.3]]), ("forklift", [[0, -0.1], [0, 0.1]])):
         config = load([name])
