@@ -27,6 +27,7 @@ SOURCES = {  # where the numbers of a path and of a disturbance come from: one o
     "scenario.path": ("file", "points", "along"),
     "scenario.disturbance": ("file", "times"),
 }
+KEPT = ("type", "half_width", "limits")  # of a path whose points are others: what is of the vehicle and its corridor
 PRESETS = Path(__file__).with_name("presets")
 BUILT_IN = (*VEHICLES, "base", "ackermann", "forklift", "paper-goal", "all-gains")
 
@@ -225,7 +226,7 @@ def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> No
             before = into[name] = {"type": before}  # a name stands for its table
         if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
             if _other_source(before, value, SOURCES.get(key, ())):  # begins anew: a corner's radius was of the old one
-                before = into[name] = {n: x for n, x in before.items() if n == "type"}
+                before = into[name] = {n: x for n, x in before.items() if n in KEPT}
             _merge(before, value, key)
         elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
             into[name] = value  # and a section that is no table stays, to be refused

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -75,8 +74,8 @@ def begun(path: agvjax.Waypoints | agvjax.Route) -> agvjax.Start:
         table, sign = np.asarray(path.table, float), float(np.asarray(path.legs)[3, 0])
         position, way = table[[0, 6], 0], table[[1, 7], 0]
         velocity = way / np.hypot(*way) * np.sqrt(np.asarray(path.squares, float)[0, 0])
-    begun: dict[str, Any] = {"position": position, "velocity": velocity}
-    return agvjax.Start(**begun, heading=float(np.arctan2(sign * way[1], sign * way[0])))
+    start = agvjax.Start(heading=float(np.arctan2(sign * way[1], sign * way[0])))
+    return agvjax.replace(start, {"position": position, "velocity": velocity})
 
 
 def drawn(run: agvjax.Trajectory, scenario: agvjax.Scenario) -> agvjax.Trajectory:

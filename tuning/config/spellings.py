@@ -151,7 +151,8 @@ def _spelled_span(axis: Span) -> Toml:
 
 
 def _spelled_column(place: Column) -> Toml:
-    more = {name: x for name, x in place._asdict().items() if name != "column" and x not in ("", 1.0, ())}
+    usual = Column("")._asdict()
+    more = {name: x for name, x in place._asdict().items() if name != "column" and x != usual[name]}
     if place.quaternion:
         return more | {"quaternion": list(place.quaternion)}
     return {"column": place.column, **more} if more else place.column

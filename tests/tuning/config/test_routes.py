@@ -100,16 +100,20 @@ def test_a_route_of_ones_own_takes_the_place_of_the_presets(tmp_path):
     """From a file, points or a shape: where a later table has another of them, nothing of the earlier path is left."""
     (tmp_path / "track.csv").write_text("x,y,speed\n0,0,0.5\n5,0,0.5\n5,5,0.5\n")
     file = f'scenario.path.file="{tmp_path / "track.csv"}"'
-    path = load(["base"], [file, "scenario.path.radius=2.0"]).scenario.path
+    path = load(["base"], [file, "scenario.path.radius=2.0"], note=[].append).scenario.path
     assert float(path.length) == pytest.approx(3 + np.pi + 3) and not path.closed  # the preset has 1 m, closed
-    assert load(["base"], ['scenario.path.along="circle"']).scenario.path.closed
-    again = load(["base"], [file, "scenario.path.points=[[0,0],[9,0],[9,9]]", "scenario.path.radius=2.0"]).scenario.path
+    assert load(["base"], ['scenario.path.along="circle"'], note=[].append).scenario.path.closed
+    again = load(
+        ["base"], [file, "scenario.path.points=[[0,0],[9,0],[9,9]]", "scenario.path.radius=2.0"], note=[].append
+    ).scenario.path
     assert float(again.length) == pytest.approx(7 + np.pi + 7)
-    corners = load(["base"], ["scenario.path.points=[[0,0],[9,0],[9,9],[0,9]]"]).scenario.path  # the same source
+    corners = load(
+        ["base"], ["scenario.path.points=[[0,0],[9,0],[9,9],[0,9]]"], note=[].append
+    ).scenario.path  # the same source
     assert float(corners.length) == pytest.approx(4 * 7 + 2 * np.pi)  # closed, 1 m
     (tmp_path / "both.toml").write_text('scenario.path = { file = "track.csv", points = [[0, 0], [1, 0]] }')
     with pytest.raises(agvjax.InputError, match=r"scenario\.path\.points.*absent where there is a file"):
-        load(["base", str(tmp_path / "both.toml")])
+        load(["base", str(tmp_path / "both.toml")], note=[].append)
 
 
 @pytest.mark.parametrize(
