@@ -14,12 +14,15 @@ from ..identify.rules import faults
 from ..identify.task import task
 from ..io import files
 from .folders import new_folder
+from .log import topics
 from .prepare import configure
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit the logs, judge, predict, suggest a drive; write report, estimates and the scenario to tune for."""
-    wishes = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else None
+    wishes = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else {}
+    wishes |= {"identify.topics": topics(arguments.topics)} if arguments.topics else {}
+    wishes |= {"identify.stamps": arguments.stamps} if arguments.stamps else {}
     config, console = configure(arguments, faults, wishes)
     settings = config.identify
     if arguments.unseen and not arguments.logs:

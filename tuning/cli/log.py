@@ -28,9 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
             phase = phases.begin("reading", unit="messages")
             recording = read(arguments.file, lambda count, total: phase.advance(count - phase.done))
             found = chosen(recording, asked)
-            stamps = stamps_of(found, arguments.stamps or "")[0]
+            stamps = stamps_of(found, arguments.stamps or "auto")[0]
             if found:
-                rows = table(recording, found, arguments.stamps or "")
+                rows = table(recording, found, arguments.stamps or "auto")
     except ValueError as error:
         raise InputError([Fault("FILE", arguments.file, f"{RULE} ({error})")]) from error
     out = new_folder(arguments.out, arguments.command)

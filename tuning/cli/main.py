@@ -82,19 +82,27 @@ SPEED = Command(
     ),
     "--config base --within 0.05",
 )
+TOPICS = (
+    many("--topics", "ROLE=TOPIC", "which topic of a recording is its pose, command, speed, yaw_rate, steering"),
+    option(
+        "--stamps",
+        choices=("auto", "header", "arrival"),
+        help="whose times: the sender's or those of arrival (default: the sender's where there are any)",
+    ),
+)
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
         option(
-            "logs", nargs="*", metavar="LOG.csv", help="recorded drives; without any, a drive to record is suggested"
+            "logs",
+            nargs="*",
+            metavar="LOG",
+            help="recorded drives: CSV, or as `agvjax log` reads them; without any, a drive to record is suggested",
         ),
-        many("--unseen", "LOG.csv", "a drive to predict with what was identified"),
+        many("--unseen", "LOG", "a drive to predict with what was identified"),
+        *TOPICS,
         option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"),
     ),
-)
-TOPICS = (
-    many("--topics", "ROLE=TOPIC", "which topic of a recording is its pose, command, speed, yaw_rate, steering"),
-    option("--stamps", choices=("header", "arrival"), help="whose times: the sender's or those of arrival"),
 )
 LOG = Command(
     "what a recorded drive holds and what it can be used for: bags of ROS, MCAP, ULog, dataflash, MDF",

@@ -11,7 +11,7 @@ from agvjax.metric_table import METRICS
 
 from ..ensemble.draws import Correlation
 from .settings import GAINS, Bound, Limit, Weights
-from .spellings import KINDS, NAMED, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled
+from .spellings import KINDS, NAMED, Setting, Toml, column, draw, flat, gain, numbers, pair, span, spelled, topic
 
 if TYPE_CHECKING:
     from .read import Reader
@@ -236,6 +236,7 @@ CODECS = {
     "sweep.fails": _judged(lambda x: Bound(value=x), blank="value"),
     "identify.fit": _names(),
     "identify.columns": _named(column, NAMED["identify.columns"]),
+    "identify.topics": _named(topic),
     **{
         f"{law}.{name}": SLOPE
         for law in ("controller", "controller.inner", "controller.inner.inner")

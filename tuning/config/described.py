@@ -38,6 +38,7 @@ ANY_NAME = {  # tables that take any name of a kind, and what stands under it
     "sweep.over": ("<leaf>", ()),
     "sweep.fails": ("<metric>", (Bound(),)),
     "identify.columns": ("<quantity>", (Column(""),)),
+    "identify.topics": ("<role>", ()),
     "controller.compensation.believed": ("<actuator>", (agvjax.Deadzone(),)),
     "controller.prediction.believed": ("<actuator>", (agvjax.Deadzone(),)),
 }
@@ -236,6 +237,7 @@ OF_NAME = {
     "sweep.over": ("a table, or a list of values", "the values of a leaf of the scenario or of the law along the axis"),
     "sweep.fails": ("a number or a table", "bound of a metric above which a run has failed"),
     "identify.columns": ("a name or a table", "the column of a quantity of the log"),
+    "identify.topics": ("the name of a topic", "the topic of a recording that serves as a role"),
     "controller.compensation.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
     "controller.prediction.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
 }

@@ -22,7 +22,7 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
 
 # keys that earlier releases did not have: a run of theirs goes on without what they ask for
 LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
-LATER |= {"margins.instants", "margins.vehicles", "identify.ahead"}
+LATER |= {"margins.instants", "margins.vehicles", "identify.ahead", "identify.topics", "identify.stamps"}
 
 FIXED = {  # what earlier releases judged by, and what their computers did not have
     "criteria.band": 0.05,

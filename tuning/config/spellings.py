@@ -9,6 +9,7 @@ import numpy as np
 
 from ..ensemble.draws import LEAST, Between, Correlated, Distribution, Draw, OneOf, Plus, Range, Span, Times, Usual
 from ..io.csv_file import Column
+from ..io.logs.roles import ROLE_NAMES
 
 Toml = Any  # what a file may hold, or a person may have put in its place
 Setting = Any  # what that stands for: a number, a word, an object of the simulator or of the settings
@@ -135,6 +136,15 @@ def column(value: Toml, name: str) -> Column:
     if not words or not _number(place.factor) or not np.isfinite(place.factor) or place.factor == 0:
         raise ValueError(rule)
     return place
+
+
+def topic(value: Toml, name: str) -> str:
+    """The topic of a recording that serves as something; empty where none is to."""
+    if name not in ROLE_NAMES:
+        raise ValueError(f"one of {', '.join(ROLE_NAMES)} by name")
+    if not isinstance(value, str):
+        raise ValueError('the name of a topic, as "/odom", or "" for none')
+    return value
 
 
 def _quaternion(name: str, table: Mapping[str, Toml]) -> bool:

@@ -138,6 +138,8 @@ class Identify:
     Attributes:
         fit: what is fitted: groups (deadzone, delay, lag, disturbance, vehicle) or leaves of the scenario.
         columns: where a quantity stands in the log, where the log has another name, unit or sign for it.
+        topics: of a recording, by role (pose, command, speed, yaw_rate, steering) the topic that serves as it.
+        stamps: of a recording, whose times are used: the sender's or those of arrival.
         ahead: how far ahead of the measured point, along its heading, the vehicle's reference point is.
         segment: length of a stretch that begins in a state of its own.
         memory: how long actuators remember commands, at most.
@@ -155,6 +157,8 @@ class Identify:
 
     fit: tuple[str, ...] = ("deadzone", "delay", "disturbance", "vehicle")
     columns: dict[str, Column] = dataclasses.field(default_factory=dict)
+    topics: dict[str, str] = dataclasses.field(default_factory=dict)
+    stamps: str = choice("auto", ("auto", "header", "arrival"))
     ahead: float = number(0.0, "m", ANY)
     segment: float = number(2.0, "s", LONG)
     memory: float = number(0.5, "s", MEMORY)

@@ -15,25 +15,38 @@ import agvjax
 from agvjax import Fault
 from agvjax.plants.base import Driven
 
+from ..io import logs as recordings
 from ..io import quaternion
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
+from ..io.logs.roles import chosen
+from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
 from .plausible import AS_QUATERNION, implausible
 
 TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
 NONE = Column("")
+NOT_NAMED: Mapping[str, str] = {}
 
 
 # long: the checks stand in their order
-def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], ahead: float = 0.0) -> Log:
+def load(
+    file: str,
+    plant: agvjax.Plant,
+    columns: Mapping[str, Column],
+    ahead: float = 0.0,
+    topics: Mapping[str, str] = NOT_NAMED,
+    stamps: str = "auto",
+) -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
 
     Args:
-        file: the CSV file.
+        file: the CSV file, or a recording as robots make them.
         plant: as it is assumed; one that is driven by velocities may be told `TWIST` in place of its own commands,
             which its own numbers (the track) then make of them.
         columns: where quantities stand that have another name, unit or sign there.
         ahead: how far ahead of the measured point, along its heading, the reference point is [m].
+        topics: of a recording, by role the topic that serves as it, where several could.
+        stamps: of a recording, whose times: "header", "arrival", or "auto".
 
     Raises:
         agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
@@ -52,8 +65,13 @@ def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], ahead: f
     must, time = list(dict.fromkeys(must)), where["t"]
     more = [part for part in may if part not in must]
     try:
-        table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
+        if recordings.is_recording(file):
+            table = _recorded(file, must, topics, stamps)
+        else:
+            table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
         tongue = tongue or _tongue(tongues, where, table)
+        if recordings.is_recording(file):
+            table = _told(table, [part for name in tongue for part in where[name].parts])
         values = _in_si(table, where)
     except ValueError as error:
         kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
@@ -69,6 +87,33 @@ def load(file: str, plant: agvjax.Plant, columns: Mapping[str, Column], ahead: f
     if faults := implausible(log, where, not plant.commands_heading):
         raise agvjax.InputError(faults)
     return _from_ahead(log._replace(measured={**seen, "heading": _unwrapped(seen["heading"])}), ahead)
+
+
+def _recorded(file: str, must: Sequence[str], topics: Mapping[str, str], stamps: str) -> dict[str, np.ndarray]:
+    """The columns of a recording by our names and as TOPIC.FIELD.
+
+    Raises:
+        ValueError: it cannot be read, or lacks a column that must be there.
+    """
+    recording = recordings.read(file)
+    rows = rows_of(recording, chosen(recording, topics), stamps)
+    values = rows.columns | rows.fields
+    if lacks := [name for name in must if name not in values]:
+        fields = ", ".join(sorted({stream.topic for stream in recording.streams}))
+        raise ValueError(f"it has no {', '.join(lacks)}; numbers of {fields} are named as TOPIC.FIELD")
+    return values
+
+
+def _told(table: Mapping[str, np.ndarray], commands: Sequence[str]) -> dict[str, np.ndarray]:
+    """The rows in which every command is known; the others leave a gap.
+
+    Raises:
+        ValueError: too few are left.
+    """
+    keep = np.logical_and.reduce([np.isfinite(table[name]) for name in commands])
+    if keep.sum() < LEAST_ROWS:
+        raise ValueError(f"{int(keep.sum())} rows in which every command is known, fewer than {LEAST_ROWS}")
+    return {name: column[keep] for name, column in table.items()}
 
 
 def tongues_of(plant: agvjax.Plant) -> list[tuple[str, ...]]:

@@ -30,7 +30,8 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     Raises:
         agvjax.InputError: names file, column and rule.
     """
-    drives = [load(file, config.scenario.plant, config.identify.columns, config.identify.ahead) for file in files]
+    wishes, plant = config.identify, config.scenario.plant
+    drives = [load(file, plant, wishes.columns, wishes.ahead, wishes.topics, wishes.stamps) for file in files]
     wrong = logs.same_channels(drives)
     for i, log in enumerate(drives):
         if any(logs.same_drive(log, other) for other in drives[:i]):

@@ -255,7 +255,8 @@ SWEEPS = st.builds(
     fails=st.dictionaries(st.sampled_from(METRICS), st.builds(Bound, value=NUMBERS, absolute=st.booleans())),
     controllers=st.sampled_from([(), ["osfc"]]),
 )
-COLUMNS = st.builds(Column, st.sampled_from(["a", "b.c"]), st.sampled_from(["", "deg"]), NUMBERS, st.just(""), st.just(()))
+WORDS = st.sampled_from(["a", "b.c"]), st.sampled_from(["", "deg"])
+COLUMNS = st.builds(Column, *WORDS, NUMBERS, st.just(""), st.just(()))
 IDENTIFIES = st.builds(Identify, columns=st.dictionaries(st.sampled_from(["x", "heading"]), COLUMNS))
 CONFIGS = st.builds(
     Config, controller=LAWS, scenario=SCENES, tune=TUNES, ensemble=ENSEMBLES, sweep=SWEEPS, identify=IDENTIFIES

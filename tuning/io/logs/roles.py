@@ -10,6 +10,7 @@ import numpy as np
 from ..quaternion import heading
 from .recording import Recording, Stream
 
+ROLE_NAMES = ("pose", "command", "speed", "yaw_rate", "steering")
 Values = dict[str, np.ndarray]  # by our names, (N,), SI units
 
 

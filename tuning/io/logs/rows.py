@@ -23,7 +23,7 @@ class Rows(NamedTuple):
     notes: tuple[str, ...]  # what was done, a sentence each
 
 
-def stamps_of(found: Mapping[str, tuple[Stream, Role]], asked: str = "") -> tuple[str, list[str]]:
+def stamps_of(found: Mapping[str, tuple[Stream, Role]], asked: str = "auto") -> tuple[str, list[str]]:
     """Whose times are used, "header" or "arrival", and why.
 
     The sender's, where what is measured has them and its clock is that of the recorder: a command without a stamp of
@@ -33,7 +33,7 @@ def stamps_of(found: Mapping[str, tuple[Stream, Role]], asked: str = "") -> tupl
     bare = [stream.topic for stream, _ in found.values() if stream.header is None]
     apart = {s.topic: float(np.median(s.arrival - s.header)) * 1e-9 for s in stamped if s.header is not None}
     strange = {topic: late for topic, late in apart.items() if abs(late) > CLOCKS}
-    if asked:
+    if asked != "auto":
         return asked, []
     if not stamped:
         return "arrival", ["times are those of arrival: no message has a stamp of its sender"]
@@ -46,7 +46,7 @@ def stamps_of(found: Mapping[str, tuple[Stream, Role]], asked: str = "") -> tupl
     return "header", [f"times are those of the senders (arrival later by {late}){more}"]
 
 
-def table(recording: Recording, found: Mapping[str, tuple[Stream, Role]], asked: str = "") -> Rows:
+def table(recording: Recording, found: Mapping[str, tuple[Stream, Role]], asked: str = "auto") -> Rows:
     """The chosen streams in rows.
 
     Rows are as far apart as the fastest stream's messages. A command holds until the next one, but not across a gap of
@@ -56,7 +56,7 @@ def table(recording: Recording, found: Mapping[str, tuple[Stream, Role]], asked:
     Args:
         recording: all streams.
         found: the stream and role of each role.
-        asked: "header" or "arrival"; empty where the streams decide.
+        asked: "header" or "arrival"; "auto" where the streams decide.
 
     Raises:
         ValueError: the streams do not overlap, or are too long for rows this short.
