@@ -32,14 +32,7 @@ def covered(scenario: agvjax.Scenario, logs: Sequence[Log]) -> Covered:
     moved = np.concatenate([twists(log) for log in logs])
     v, w = moved[:, 0], moved[:, 2]
     usual = [STANDS * max(float(np.quantile(np.abs(x), 0.9)), 1e-9) if x.size else 0.0 for x in (v, w)]
-    of = {
-        "forwards": v > usual[0],
-        "backwards": v < -usual[0],
-        "to the left": w > usual[1],
-        "to the right": w < -usual[1],
-        "straight on": (np.abs(w) <= usual[1]) & (np.abs(v) > usual[0]),
-    }
-    shares = {name: float(np.mean(there)) if there.size else 0.0 for name, there in of.items()}
+    shares = {name: float(np.mean(there)) if there.size else 0.0 for name, there in motions(v, w, *usual).items()}
     lacks = [f"drives {name}" for name in ("backwards", "to the left", "to the right") if shares[name] < LITTLE]
     commands = []
     for actuator in scenario.plant.actuators:
@@ -57,6 +50,24 @@ def covered(scenario: agvjax.Scenario, logs: Sequence[Log]) -> Covered:
         if turns < FEW:
             lacks.append(f"{actuator} up and down")
     return Covered(shares, commands, lacks)
+
+
+def motions(v: np.ndarray, w: np.ndarray, stands: float, straight: float) -> dict[str, np.ndarray]:
+    """By what a vehicle does, when it does it (N,).
+
+    Args:
+        v: its speed (N,) [m/s]; what is not known, NaN, is nothing of it.
+        w: its yaw rate (N,) [rad/s].
+        stands: the speed below which it stands [m/s].
+        straight: the yaw rate below which it drives straight on [rad/s].
+    """
+    return {
+        "forwards": v > stands,
+        "backwards": v < -stands,
+        "to the left": w > straight,
+        "to the right": w < -straight,
+        "straight on": (np.abs(w) <= straight) & (np.abs(v) > stands),
+    }
 
 
 def _swings(u: np.ndarray) -> int:

@@ -15,6 +15,7 @@ from ..io.logs.rows import Rows
 from ..io.pages import grid, picture, publish
 from ..io.panels import panels
 from ..io.pictures import write_figures
+from .coverage import motions
 
 STILL = 0.02  # m/s, and rad/s, below which a vehicle stands and does not turn
 SMALL = 0.25  # of the largest command: what is less is small, where a deadzone shows
@@ -26,26 +27,17 @@ class Share(NamedTuple):
 
     what: str
     seconds: float
-    wanted: str  # what to drive where it is too little
 
 
 def shares(rows: Rows) -> list[Share]:
-    """For how long the vehicle drove forwards and backwards, turned each way, stood, and was told little."""
+    """For how long the vehicle drove each way, and was told little; of the rows there are."""
     c, step = rows.columns, float(np.median(np.diff(rows.columns["t"])))
-    speed, turning = _speed(c), _turning(c)
-    found = [
-        Share("forwards", _seconds(speed > STILL, step), "drive forwards"),
-        Share("backwards", _seconds(speed < -STILL, step), "drive backwards"),
-        Share("turning left", _seconds(turning > STILL, step), "turn to the left while driving"),
-        Share("turning right", _seconds(turning < -STILL, step), "turn to the right while driving"),
-        Share("standing", _seconds((np.abs(speed) <= STILL) & (np.abs(turning) <= STILL), step), "stand now and then"),
-    ]
+    found = [Share(what, _seconds(when, step)) for what, when in motions(_speed(c), _turning(c), STILL, STILL).items()]
     for name in ("cmd_v", "cmd_w", "speed_cmd", "steering_angle_cmd"):
         if name in c and np.isfinite(c[name]).any():
             most = float(np.nanmax(np.abs(c[name])))
             little = (np.abs(c[name]) > 0) & (np.abs(c[name]) < SMALL * most)
-            words = f"small {name}, below {SMALL:.0%} of its largest, {most:.3g}"
-            found.append(Share(words, _seconds(little, step), f"creep: small {name} of either sign, slowly more"))
+            found.append(Share(f"small {name}, up to {SMALL * most:.3g}", _seconds(little, step)))
     return found
 
 
@@ -104,11 +96,10 @@ def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share]) -> li
     thin = [share for share in driven if share.seconds < LEAST]
     if not thin:
         return [f"Good for identification: {parts}."]
-    listed = "; ".join(f"{share.what}: {share.seconds:.0f} s" for share in thin)
-    wanted = "; ".join(share.wanted for share in thin)
+    listed = "; ".join(f"{share.what}, {share.seconds:.0f} s" for share in thin)
     return [
-        f"It can be read for identification ({parts}), but little was driven of some things: {listed}.",
-        f"What would complete it, half a minute of each: {wanted}.",
+        f"It can be read for identification: {parts}.",
+        f"Little was driven of some things: {listed}. Half a minute of each would complete it.",
     ]
 
 

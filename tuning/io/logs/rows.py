@@ -107,7 +107,8 @@ def _laid(
     order = np.argsort(own, kind="stable")
     own = own[order]
     usual = float(np.median(np.diff(own))) if len(own) > 1 else math.inf
-    before = np.searchsorted(own, t + 1e-9, side="right") - 1  # the last one that was there
+    # the last one that was there; of commands up to half a row later, or else all of them would come half a row late
+    before = np.searchsorted(own, t + (step / 2 - 1e-6 if held else 1e-9), side="right") - 1
     there = before >= 0
     first, after = np.clip(before, 0, None), np.clip(before + 1, None, len(own) - 1)
     laid = {}
