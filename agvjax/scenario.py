@@ -8,6 +8,7 @@ from typing import Any
 
 from ._pytree import POSITIVE, Real, number, pytree
 from .disturbance import Cosine
+from .leaves import unit_of
 from .messages import Start
 from .paths.shapes import Dumbbell
 from .plants import Decoupled
@@ -48,3 +49,12 @@ class Scenario:
     def of(cls, plant: Plant, **fields: Any) -> Scenario:
         """The scenario of another plant: with that plant's nominal deadzones, and these `fields`."""
         return dataclasses.replace(cls(plant=plant, deadzone=plant.deadzones()), **fields)
+
+
+def unit_in(scenario: Scenario, name: str) -> str:
+    """The unit of a leaf of a scenario; of a number of an actuator in the unit of that actuator's command."""
+    unit, actuator = unit_of(scenario, name), (*name.split("."), "")[1]
+    units = scenario.plant.units
+    parts = (actuator, *scenario.plant.parts(actuator)) if actuator in scenario.plant.actuators else ()
+    own = next((units[part] for part in parts if part in units), "")
+    return unit.replace("unit of the command", own) if own else unit

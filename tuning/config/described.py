@@ -46,8 +46,7 @@ DRAWS = {**RANGES, "one_of": OneOf, "distribution": Distribution}
 PAGES = {  # where docs speak of keys that begin so; the longest that fits
     "": "docs/configuration.md",
     "controller": "docs/following.md, docs/vehicles.md",
-    "controller.compensation": "docs/deadzone.md",
-    "controller.prediction": "docs/deadzone.md",
+    **dict.fromkeys(("controller.compensation", "controller.prediction"), "docs/deadzone.md"),
     "controller.anti_windup": "docs/vehicles.md",
     "scenario": "docs/vehicles.md",
     "scenario.path": "docs/following.md, docs/vehicles.md",
@@ -57,7 +56,7 @@ PAGES = {  # where docs speak of keys that begin so; the longest that fits
     "speed": "docs/following.md",
     "margins": "docs/deadzone.md",
     "sweep": "docs/robustness.md",
-    "identify": "docs/robot.md",
+    "identify": "docs/robot.md, docs/logs.md",
 }
 LEFT_OPEN = "set by law and vehicle"
 

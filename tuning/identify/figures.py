@@ -60,10 +60,12 @@ def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figur
         unknown = [part for part, i in zip(parts, places, strict=True) if not verdict.estimates[i].identified]
         lost = f"\nnot identifiable: {', '.join(unknown).replace('_', ' ')}" if unknown else ""
         top.set_title(actuator + lost, fontsize="medium")
-        top.set(ylabel="delivered")
+        unit = scenario.plant.units.get(actuator)
+        unit = f" [{unit}]" if unit else ""
+        top.set(ylabel=f"delivered{unit}")
         top.legend(fontsize="small")
         bottom.hist(u, bins=80, range=(grid[0], grid[-1]), color="0.5")
-        bottom.set(yscale="log", xlabel="command", ylabel="rows")
+        bottom.set(yscale="log", xlabel=f"command{unit}", ylabel="rows")
     return figure
 
 

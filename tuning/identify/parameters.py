@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 import agvjax
-from agvjax.leaves import get, leaves, rule_of, unit_of
+from agvjax.leaves import get, leaves, rule_of
 from agvjax.protocols import Element
+from agvjax.scenario import unit_in
 
 from .log import Log, columns_of
 
@@ -127,7 +128,7 @@ def largest(logs: Sequence[Log], name: str) -> float:
 
 # long: one kind of number after the other
 def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], substep: float, memory: float) -> Parameter:
-    value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_of(scenario, name)
+    value, last, unit = float(get(scenario, name)), name.rpartition(".")[2], unit_in(scenario, name)
     around = f"assume another scenario.{name} than {value:.4g}, around which it is looked for, or check units and model"
     if last.startswith("slope_"):
         low, high = min(0.02, 0.1 * value), max(50.0, 10 * value)

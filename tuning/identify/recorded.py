@@ -84,7 +84,7 @@ def _line(stream: Stream, stamps: str) -> tuple[object, ...]:
     roles = roles or f"columns by name: {', '.join(list(stream.fields)[:3])}{' ...' * (len(stream.fields) > 3)}"
     whose = "sender" if stamps == "header" and stream.header is not None else "arrival"
     rate = f"{1 / usual:.4g}" if usual > 0 else ""
-    told = f"{1e3 * jitter:.3g}" if np.isfinite(jitter) else ""
+    told = f"{round(1e3 * jitter, 3):.3g}" if np.isfinite(jitter) else ""
     return (stream.topic, stream.kind.rpartition("/")[2], stream.size, rate, gaps, told, whose, roles)
 
 

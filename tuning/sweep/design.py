@@ -16,6 +16,7 @@ from scipy.stats import qmc
 import agvjax
 from agvjax.leaves import get, unit_of
 from agvjax.protocols import Law
+from agvjax.scenario import unit_in
 
 from ..config.ends import LAW, element_of
 from ..config.settings import Config
@@ -116,7 +117,8 @@ class Design(NamedTuple):
 
     def unit(self, leaf: str) -> str:
         """The unit of a leaf."""
-        return unit_of(*self._home(leaf))
+        home, name = self._home(leaf)
+        return unit_in(home, name) if isinstance(home, agvjax.Scenario) else unit_of(home, name)
 
     def _home(self, leaf: str) -> tuple[Law | agvjax.Scenario, str]:
         return (self.controller, leaf.removeprefix(LAW)) if leaf.startswith(LAW) else (self.scenario, leaf)

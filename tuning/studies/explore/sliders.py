@@ -11,6 +11,7 @@ import numpy as np
 import agvjax
 from agvjax import Delay
 from agvjax.leaves import get, unit_of
+from agvjax.scenario import unit_in
 
 from ...config.ends import LAW, element_of
 from ...config.ends import placed as put
@@ -156,11 +157,10 @@ def _usual(config: Config, name: str) -> bool:
 def _ranged(config: Config, name: str, leaf: str, value: float, low: float, high: float) -> _Number:
     """A number with its range: from none of it to more than there is, or a decade either side, or what is drawn."""
     kind, *middle, last = leaf.split(".")
-    unit, log = unit_of(config.scenario, leaf), False
+    unit, log = unit_in(config.scenario, leaf), False
     if kind == "deadzone":
         actuator, (what, _, side) = ".".join(middle), last.partition("_")
         what, whose = f"deadzone {what}", f"{actuator} {side}"
-        unit = _unit_of_actuator(config, actuator) if what.endswith("threshold") else unit
         if what.endswith("slope"):
             low, high, log = value / DECADE, value * DECADE, True
     elif kind == "actuators":
@@ -172,12 +172,6 @@ def _ranged(config: Config, name: str, leaf: str, value: float, low: float, high
     if kind == "actuators":
         high = min(high, _longest(config, leaf.rpartition(".")[0]))
     return _Number(name, what, whose, unit, value, low, high, log)
-
-
-def _unit_of_actuator(config: Config, actuator: str) -> str:
-    plant = config.scenario.plant
-    units = dict.fromkeys(plant.units.get(part, "") for part in (actuator, *plant.parts(actuator)))
-    return next(filter(None, units), "")
 
 
 def _longest(config: Config, holder: str) -> float:
