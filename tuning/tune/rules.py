@@ -63,8 +63,9 @@ def _names(config: Config) -> list[agvjax.Fault]:
         found.append(agvjax.Fault("tune.gains", [], rule))
     if len(set(tune.gains)) < len(tune.gains):
         found.append(agvjax.Fault("tune.gains", list(tune.gains), "distinct names"))
-    rule = "of a tuned or tied gain, one of tune.gains or tune.tied"
-    idle = [name for name in tune.bounds if name not in tune.gains and name not in tune.tied]
+    tuned = (*tune.gains, *tune.tied)
+    rule = f"of a gain that is tuned or tied: {', '.join(tuned)}"
+    idle = [name for name in tune.bounds if name not in tuned]
     found += [agvjax.Fault(f"tune.bounds.{name}", list(tune.bounds[name]), rule) for name in idle]
     found += _tied(tune, gains) + _requirements(config) + undrawable(config.scenario, config.ensemble.draws)
     if tune.search.scouts < tune.search.starts:
