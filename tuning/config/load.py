@@ -61,11 +61,13 @@ def load(
     read = {name: parsed(name) for name in files}
     said_here = [*map(_override, overrides), *(_nested(key.split("."), x) for key, x in (more or {}).items())]
     parts = [*_started_elsewhere(read, said_here, note or said), *said_here]
-    if not any("scenario" in part for part in parts):
-        parts = [*_beside(read, note or said), *parts]
-    for part in parts:
+    built_in = [name in BUILT_IN for name in read] + [False] * len(said_here)
+    if not any("scenario" in part for part in read.values()):  # what is said beside files counts on top of theirs
+        whole = _beside(read, note or said)
+        parts, built_in = [*whole, *parts], [False] * len(whole) + built_in
+    for number, part in enumerate(parts):
         claim(part, loaded)
-        _merge(table, _plain_names(present(part, note or warned), table))
+        _merge(table, _plain_names(present(part, note or warned), table), all(built_in[:number]))
     return resolve(table, rules, imports, note or said)
 
 
@@ -218,24 +220,32 @@ def _plain_names(table: dict[str, Toml], before: Mapping[str, Toml]) -> dict[str
     return table
 
 
-def _merge(into: dict[str, Toml], table: Mapping[str, Toml], at: str = "") -> None:
-    """Put a table over another one, key by key; `at` is the key of both."""
+def _merge(into: dict[str, Toml], table: Mapping[str, Toml], built_in: bool, at: str = "") -> None:
+    """Put a table over another one, all of it `built_in` or not, key by key; `at` is the key of both."""
     for name, value in table.items():
         before, key = into.get(name), f"{at}.{name}" if at else name
         if isinstance(value, Mapping) and isinstance(before, str) and at not in NAMED:
             before = into[name] = {"type": before}  # a name stands for its table
         if isinstance(value, Mapping) and isinstance(before, dict) and not _another(before, value):
-            if _other_source(before, value, SOURCES.get(key, ())):  # begins anew: a corner's radius was of the old one
-                before = into[name] = {n: x for n, x in before.items() if n in KEPT}
-            _merge(before, value, key)
+            _drop_source(before, value, SOURCES.get(key, ()), built_in or "along" in value)
+            _merge(before, value, built_in, key)
         elif key not in SECTIONS or isinstance(value, Mapping) <= isinstance(before, dict | None):
             into[name] = value  # and a section that is no table stays, to be refused
 
 
-def _other_source(before: Mapping[str, Toml], table: Mapping[str, Toml], sources: Sequence[str]) -> bool:
-    """Whether a table takes its numbers from elsewhere than the one `before` it."""
+def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Sequence[str], anew: bool) -> None:
+    """Take out of `before` the numbers that a table takes from elsewhere, and what belongs to each of them.
+
+    `anew` leaves what is `KEPT` alone: the corners' radius and the speed of a built-in path are of that path.
+    """
     mine, given = ({name for name in sources if name in one} for one in (before, table))
-    return bool(mine and given and not mine & given)
+    if not (mine and given):
+        return
+    lists = {n for n in ("speed", "half_width") if isinstance(before.get(n), list) and len(before[n]) != 2}
+    gone = {*sources, "columns", "spacing", "values", *lists}
+    gone |= set(before) - set(KEPT) if anew and not mine & given else set()
+    for name in gone:
+        before.pop(name, None)
 
 
 def _another(before: Mapping[str, Toml], table: Mapping[str, Toml]) -> bool:

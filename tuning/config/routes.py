@@ -62,9 +62,17 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
         raise agvjax.InputError([agvjax.Fault(bad, table[bad], f"what a route can be made of ({error})")]) from error
     made = {name: table[name] for name in LAYING if name in table}
     if rows is not None:
-        made["points"] = rows.tolist()
-        made["half_width"] = np.asarray(half_width).tolist()
+        made |= _plainly(rows, np.asarray(half_width))
     return dataclasses.replace(route, made=json.dumps(made), origin=origin)
+
+
+def _plainly(rows: np.ndarray, half_width: np.ndarray) -> dict[str, Toml]:
+    """Points, speeds and half widths; what is the same at all points as one number, for a person to change."""
+    one = rows.shape[1] == 3 and len({*rows[:, 2].tolist()}) == 1
+    same = half_width.ndim == 2 and bool(np.all(half_width == half_width[0]))
+    table: dict[str, Toml] = {"points": rows[:, :2].tolist() if one else rows.tolist()}
+    table |= {"speed": float(rows[0, 2])} if one else {}
+    return table | {"half_width": (half_width[0] if same else half_width).tolist()}
 
 
 def table_of(route: agvjax.Route) -> dict[str, Toml]:
@@ -85,6 +93,8 @@ def faster(route: agvjax.Route, factor: float) -> agvjax.Route:
     table = table_of(route)
     rows = np.asarray(table["points"], float) if "points" in table else None
     widths = None if rows is None else np.asarray(table["half_width"], float)
+    if rows is not None and "speed" in table:
+        rows = np.column_stack([rows, np.full(len(rows), table["speed"])])
     return laid({**table, "faster": factor * table.get("faster", 1.0)}, rows, widths)
 
 

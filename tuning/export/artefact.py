@@ -118,6 +118,7 @@ def _verdict(file: Path, controller: Sampled) -> str:
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
         failure, judged = str(table["verdict"]), dict(table["gains"])
+        cautions = "; ".join(map(str, table.get("cautions", [])))
     except (OSError, ValueError, KeyError, TypeError):
         return UNJUDGED
     gains = {name: np.asarray(value, float) for name, value in leaves(controller).items()}
@@ -126,7 +127,7 @@ def _verdict(file: Path, controller: Sampled) -> str:
     for name, value in gains.items():
         if np.shape(judged[name]) != value.shape or not np.allclose(np.asarray(judged[name], float), value, 1e-6, 0.0):
             return CHANGED
-    return failure or MET
+    return " ".join(filter(None, [failure or MET, cautions and f"(before using these gains, note: {cautions})"]))
 
 
 def _laid(config: Config) -> Json:

@@ -30,12 +30,12 @@ extern const {name}_route {name}_configured_route;
 def parts(route: Route | None, given: str, name: str) -> dict[str, str]:
     """What templates say of what is asked for: a reference at each instant, or a route."""
     found = {"GIVEN": given, "INITIAL": "", "ROUTE_FILE": "", "LOOK": "", "CONFIGURED": "", "ABOUT_ROUTE": ""}
-    found |= {"NUMBERS": "measurement or reference", "POSITIONS": "measurement and reference"}
+    found |= {"NUMBERS": "measurement or reference", "POSITIONS": "measurement and reference", "PASSED": given}
     if route is None:
         return found
     about = filled(TEMPLATE.with_name("route.md.txt"), {"NAME": name})
     filled_in = {"INITIAL": f" = {name}_configured_route", "ROUTE_FILE": f" {name}_route.c", "ABOUT_ROUTE": about}
-    found |= {"NUMBERS": "the measurement", "POSITIONS": "measurement and route"}
+    found |= {"NUMBERS": "the measurement", "POSITIONS": "measurement and route", "PASSED": f"{name}_configured_route"}
     return found | filled_in | {"LOOK": LOOK.format(name=name), "CONFIGURED": CONFIGURED.format(name=name)}
 
 

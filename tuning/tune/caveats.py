@@ -124,13 +124,17 @@ def worst_case(
         bound = bounds.get(one.metric, np.inf)
         place = "a scenario that the ensemble can draw but did not draw"
         if not np.isfinite(one.value):
-            lines.append(f"{place} diverges ({one.metric}; tune.search.rounds tunes with it)")
+            lines.append(f"{place} diverges ({one.metric}; --set tune.search.rounds=3 tunes with it too)")
         elif one.value > (1 + TOLERANCE) * bound:
             over = f"{one.value / bound - 1:.0%} above the limit {bound:.4g}"
-            lines.append(f"{place} has {one.metric} {one.value:.4g}, {over} (tune.search.rounds tunes with it)")
+            lines.append(
+                f"{place} has {one.metric} {one.value:.4g}, {over} (--set tune.search.rounds=3 tunes with it too)"
+            )
         elif one.value > (1 + WORSE) * there.get(one.metric, np.inf):
             than = f"where the starting gains have {there[one.metric]:.4g}"
-            lines.append(f"{place} has {one.metric} {one.value:.4g}, {than} (tune.search.rounds tunes with it)")
+            lines.append(
+                f"{place} has {one.metric} {one.value:.4g}, {than} (--set tune.search.rounds=3 tunes with it too)"
+            )
     return lines
 
 

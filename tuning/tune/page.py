@@ -282,4 +282,5 @@ def _worst(outcome: Outcome, verdict: TuneVerdict) -> Mapping[str, object]:
     ]
     gains = {name: np.asarray(value, float).tolist() for name, value in agvjax.leaves(outcome.controller).items()}
     rounds = [r._asdict() for r in outcome.rounds]
-    return {"found": rows, "rounds": rounds, "verdict": verdict.failure, "gains": gains}
+    said = {"verdict": verdict.failure, "cautions": verdict.cautions}
+    return {"found": rows, "rounds": rounds, **said, "gains": gains}

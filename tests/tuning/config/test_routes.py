@@ -124,3 +124,36 @@ def test_what_fails_in_a_sweep_is_an_error_that_the_law_has(files, metric):
     assert {name: (bound.value, bound.absolute) for name, bound in load(files).sweep.fails.items()} == {
         metric: (1.5, False)
     }
+
+
+def test_other_points_for_a_route_of_ones_own_change_its_points_alone(tmp_path):
+    """As for a law that was tuned on one route and is taken along another: speed, limits and corners stay."""
+    mine = {"type": "route", "points": [[0, 0], [10, 0], [10, 5], [0, 5]], "closed": True, "radius": 1.0, "speed": 0.5}
+    mine |= {"half_width": 0.3, "limits": {"acceleration": 0.4, "lateral_acceleration": 0.2}}
+    written = dump(load([], more={"scenario.path": mine}))
+    assert "speed = 0.5" in written  # a number to be changed, not one of each point
+    (tmp_path / "config.toml").write_text(written)
+    (tmp_path / "other.csv").write_text("x,y\n0,0\n6,0\n6,6\n0,6\n")
+    config = str(tmp_path / "config.toml")
+    path = load([config], [f'scenario.path.file="{tmp_path / "other.csv"}"'], note=[].append).scenario.path
+    assert float(path.length) == pytest.approx(4 * 4 + 2 * np.pi) and path.closed
+    squares, half = np.asarray(path.squares), np.asarray(path.half_widths)
+    assert np.sqrt(squares.max()) == pytest.approx(0.5) and np.all(half[[0, 2]] == 0.3)
+    assert np.sqrt(squares.min()) == pytest.approx(np.sqrt(0.2 * 1.0), rel=1e-3)  # in the corners
+    slower = load([config], ["scenario.path.speed=0.3"], note=[].append).scenario.path
+    assert np.sqrt(np.asarray(slower.squares).max()) == pytest.approx(0.3)
+
+
+def test_a_setting_beside_gains_counts_on_top_of_the_configuration_they_were_tuned_for(tmp_path):
+    config = load(["base"], ["scenario.path.speed=0.4"])
+    (tmp_path / "config.toml").write_text(dump(config))
+    (tmp_path / "gains.toml").write_text(
+        '[controller]\ntype = "sampled"\nperiod = 0.05\nvehicle = "base"\ninner = "path_pid"\n'
+    )
+    said = []
+    asked = ["scenario.deadzone.left.threshold_right=0.08"]
+    found = load([str(tmp_path / "gains.toml")], asked, note=said.append)
+    assert type(found.controller.inner).__name__ == "PathPID"
+    assert float(found.scenario.deadzone["left"].threshold_right) == 0.08
+    np.testing.assert_allclose(np.asarray(found.scenario.path.squares).max(), 0.16)
+    assert "config.toml" in said[0]
