@@ -109,7 +109,8 @@ def test_a_worst_case_that_the_starting_gains_stand_better_is_said_where_no_limi
     objective, baseline = Objective(goals=GOAL, limits=()), np.full((3, 1), 5.0)
     lines = caveats.worst_case(objective, [Found("total_rmse", value, {}, 1, 1, 1)], baseline, {"total_rmse": 4.0})
     assert len(lines) == said
-    assert all("has total_rmse 4.3, where the starting gains have 4 (--set tune.search.rounds=3" in line for line in lines)
+    text = "has total_rmse 4.3, where the starting gains have 4 (--set tune.search.rounds=3"
+    assert all(text in line for line in lines)
 
 
 def test_gains_at_a_bound_other_than_0_are_named():
