@@ -63,7 +63,7 @@ def load(
     parts = [*_started_elsewhere(read, said_here, note or said), *said_here]
     built_in = [name in BUILT_IN for name in read] + [False] * len(said_here)
     if not any("scenario" in part for part in read.values()):  # what is said beside files counts on top of theirs
-        whole = _beside(read, note or said)
+        whole = _beside(read, any("scenario" in part for part in said_here), note or said)
         parts, built_in = [*whole, *parts], [False] * len(whole) + built_in
     for number, part in enumerate(parts):
         claim(part, loaded)
@@ -100,8 +100,11 @@ def _started_elsewhere(
     ]
 
 
-def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict[str, Toml]]:
-    """The configurations beside files that have a controller and do not say which vehicle it is for."""
+def _beside(files: Mapping[str, Toml], told: bool, note: Callable[[str], None]) -> list[dict[str, Toml]]:
+    """The configurations beside files that have a controller and do not say which vehicle it is for.
+
+    Where there is none, that is no news if settings have `told` of a scenario.
+    """
     tables = []
     for name, table in files.items():
         if "controller" not in table or Path(name).name == "config.toml":
@@ -110,7 +113,7 @@ def _beside(files: Mapping[str, Toml], note: Callable[[str], None]) -> list[dict
         if whole.is_file():
             note(f"{text}: what it leaves open is read from {whole}; another --config says another scenario")
             tables.append(parsed(str(whole)))
-        elif set(table) <= {"version", "imports", "controller"}:
+        elif not told and set(table) <= {"version", "imports", "controller"}:
             note(f"{text}: it is run in the paper's; another --config says another scenario")
     return tables
 
