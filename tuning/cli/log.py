@@ -10,32 +10,29 @@ from agvjax import Fault, InputError
 from ..identify import recorded
 from ..io.logs import READERS, is_recording, read
 from ..io.logs.roles import chosen
-from ..io.logs.rows import stamps_of, table
+from ..io.logs.rows import table
 from .console import Console
 from .folders import new_folder
 
-RULE = f"a recording that can be read: {', '.join(READERS)}, or the folder of a bag of ROS 2"
+KINDS = f"{', '.join(READERS)}, or the folder of a bag of ROS 2"
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, say, draw; 1 where nothing can be identified from it."""
     console, asked = Console(arguments.quiet), topics(arguments.topics)
     if not is_recording(arguments.file):
-        raise InputError([Fault("FILE", arguments.file, RULE)])
-    rows = None
+        rule = f"a recording: {KINDS}; a CSV file is handed to agvjax identify as it is"
+        raise InputError([Fault("FILE", arguments.file, rule)])
     try:
         with console.phases() as phases:
             phase = phases.begin("reading", unit="messages")
-            recording = read(arguments.file, lambda count, total: phase.advance(count - phase.done))
+            recording = read(arguments.file, lambda count: phase.advance(count - phase.done))
             found = chosen(recording, asked)
-            stamps = stamps_of(found, arguments.stamps or "auto")[0]
-            if found:
-                rows = table(recording, found, arguments.stamps or "auto")
+            rows = table(recording, found, asked=arguments.stamps or "auto") if found else None
     except ValueError as error:
-        raise InputError([Fault("FILE", arguments.file, f"{RULE} ({error})")]) from error
+        raise InputError([Fault("FILE", arguments.file, f"a recording that can be read: {error}")]) from error
     out = new_folder(arguments.out, arguments.command)
-    text = recorded.write(recording, found, rows, out, stamps)
-    console.conclude(text, f"written to {out}; begin with {out}/report.html")
+    console.conclude(recorded.write(recording, found, rows, out), f"written to {out}; begin with {out}/report.html")
     return 0 if {"pose", "command"} <= set(found) else 1
 
 

@@ -120,7 +120,7 @@ def _lap(path: agvjax.Path) -> float:
 
 def _bulge(path: Any) -> str:
     """How far a curve through points leaves the straight lines between them, where that is much for their distance."""
-    corners, count = mapped.corners(path), 0
+    corners = mapped.corners(path)
     if corners is None or (isinstance(path, agvjax.Route) and {"radius", "tolerance"} & set(routes.table_of(path))):
         return ""
     corners, count = corners - path.origin, len(corners)
@@ -150,14 +150,11 @@ def _bulge(path: Any) -> str:
 
 
 def _curve(path: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Arc lengths (n,) and places (n, 2) along a path through points, on the host."""
+    """Arc lengths (n,) and places (n, 2) along a path through points."""
     if isinstance(path, agvjax.Waypoints):
         way = path.geometry(n)
         return way.arc, way.position
-    table, (begins, pace, first, _) = np.asarray(path.table, float), np.asarray(path.legs, float)
     arc = np.linspace(0, float(path.length), n)
-    leg = np.clip(np.searchsorted(begins, arc, "right") - 1, 0, None)
-    along = np.clip(first[leg] + (arc - begins[leg]) * pace[leg], 0, table.shape[1] - 1e-9)
-    piece = along.astype(int)
-    powers = (along - piece) ** np.arange(6)[:, None]
-    return arc, np.stack([np.sum(table[:6, piece] * powers, 0), np.sum(table[6:, piece] * powers, 0)], axis=1)
+    leg = np.clip(np.searchsorted(np.asarray(path.legs, float)[0], arc, "right") - 1, 0, None)
+    path = cast(path, jnp.result_type(float))
+    return arc, np.asarray(jax.vmap(path.at)(jnp.asarray(arc), jnp.asarray(leg, arc.dtype)).position, float)

@@ -1,10 +1,10 @@
-"""A log from a CSV file: its columns by our names and in SI units."""
+"""A log from a CSV file or a recording: its columns by our names and in SI units."""
 
 from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -16,8 +16,8 @@ from agvjax import Fault
 from agvjax.plants.base import Driven
 
 from ..io import logs as recordings
-from ..io import quaternion
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
+from ..io.headings import of_quaternions, unwrapped
 from ..io.logs.roles import chosen
 from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
@@ -66,16 +66,17 @@ def load(
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
-            table = _recorded(file, must, topics, stamps)
+            table = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps)
+            tongue = tongue or _tongue(tongues, where, table)
+            table = _told(table, must, [part for name in tongue for part in where[name].parts])
         else:
             table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
-        tongue = tongue or _tongue(tongues, where, table)
-        if recordings.is_recording(file):
-            table = _told(table, [part for name in tongue for part in where[name].parts])
+            tongue = tongue or _tongue(tongues, where, table)
         values = _in_si(table, where)
     except ValueError as error:
         kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
-        rule = f"a log: a CSV file with t, {', '.join(POSE)} and {kinds_of}, or others named in [identify.columns]"
+        rule = f"a log: a CSV file or a recording with t, {', '.join(POSE)} and {kinds_of}, or others named in"
+        rule += " [identify.columns]"
         raise agvjax.InputError([Fault("LOG.csv", str(file), f"{rule} ({error})")]) from error
     if faults := _too_large(values, where):
         raise agvjax.InputError(faults)
@@ -86,30 +87,34 @@ def load(
     log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken)
     if faults := implausible(log, where, not plant.commands_heading):
         raise agvjax.InputError(faults)
-    return _from_ahead(log._replace(measured={**seen, "heading": _unwrapped(seen["heading"])}), ahead)
+    return _from_ahead(log._replace(measured={**seen, "heading": unwrapped(seen["heading"])}), ahead)
 
 
-def _recorded(file: str, must: Sequence[str], topics: Mapping[str, str], stamps: str) -> dict[str, np.ndarray]:
-    """The columns of a recording by our names and as TOPIC.FIELD.
+def _recorded(
+    file: str, columns: Mapping[str, Column], commands: Collection[str], topics: Mapping[str, str], stamps: str
+) -> dict[str, np.ndarray]:
+    """The columns of a recording, by our names where a topic's type tells them, and those named as TOPIC.FIELD.
 
     Raises:
-        ValueError: it cannot be read, or lacks a column that must be there.
+        ValueError: it cannot be read.
     """
     recording = recordings.read(file)
-    rows = rows_of(recording, chosen(recording, topics), stamps)
-    values = rows.columns | rows.fields
-    if lacks := [name for name in must if name not in values]:
-        fields = ", ".join(sorted({stream.topic for stream in recording.streams}))
-        raise ValueError(f"it has no {', '.join(lacks)}; numbers of {fields} are named as TOPIC.FIELD")
-    return values
+    elsewhere = [name for name, place in columns.items() if place.parts]
+    told, seen = (
+        [part for name in elsewhere if (name in commands) is held for part in columns[name].parts]
+        for held in (True, False)
+    )
+    return rows_of(recording, chosen(recording, topics, elsewhere), seen, told, stamps).columns
 
 
-def _told(table: Mapping[str, np.ndarray], commands: Sequence[str]) -> dict[str, np.ndarray]:
+def _told(table: Mapping[str, np.ndarray], must: Sequence[str], commands: Sequence[str]) -> dict[str, np.ndarray]:
     """The rows in which every command is known; the others leave a gap.
 
     Raises:
-        ValueError: too few are left.
+        ValueError: a column is not there that must be, or too few rows are left.
     """
+    if lacks := [name for name in (*must, *commands) if name not in table]:
+        raise ValueError(f"it has no {', '.join(lacks)}; any of its numbers may be named, as TOPIC.FIELD")
     keep = np.logical_and.reduce([np.isfinite(table[name]) for name in commands])
     if keep.sum() < LEAST_ROWS:
         raise ValueError(f"{int(keep.sum())} rows in which every command is known, fewer than {LEAST_ROWS}")
@@ -157,7 +162,7 @@ def _in_si(table: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> dict
     with np.errstate(over="ignore"):  # of an absurd factor, which is refused later
         for name, place in where.items():
             if place.quaternion:
-                values[name] = place.factor * quaternion.heading(np.column_stack([table[c] for c in place.parts]))
+                values[name] = place.factor * of_quaternions(np.column_stack([table[c] for c in place.parts]))
             elif place.column in table:
                 values[name] = table[place.column] * UNITS.get(place.unit, 1.0) * place.factor
     return values
@@ -177,13 +182,6 @@ def _from_ahead(log: Log, ahead: float) -> Log:
     seen, heading = log.measured, log.measured["heading"]
     moved = {"x": seen["x"] + ahead * np.cos(heading), "y": seen["y"] + ahead * np.sin(heading)}
     return log._replace(measured={**seen, **moved})
-
-
-def _unwrapped(heading: np.ndarray) -> np.ndarray:
-    """Headings without the leaps of a whole turn that the range of an angle makes; NaN stays NaN."""
-    whole, fine = heading.copy(), np.isfinite(heading)
-    whole[fine] = np.unwrap(heading[fine])
-    return whole
 
 
 def _places(columns: Mapping[str, Column], names: Sequence[str]) -> dict[str, Column]:

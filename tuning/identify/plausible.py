@@ -250,9 +250,9 @@ def _skew(moved: np.ndarray, middle: np.ndarray, turned: np.ndarray) -> float:
         square = table[kept].T @ table[kept]
         if kept.sum() < 2 * FEW or square[0, 1] ** 2 > TIED * square[0, 0] * square[1, 1]:
             return 0.0
-        slope = np.linalg.solve(square, table[kept].T @ aside[kept])
+        slope = np.linalg.lstsq(table[kept], aside[kept], rcond=None)[0]  # of a drive that never turns it has one part
         left = np.abs(aside - table @ slope)
         usual = float(np.median(left[kept]))
         kept &= left <= CLEAR * max(usual, 1e-12)
-    deviation = 1.4826 * usual * np.sqrt(np.linalg.inv(square)[0, 0])
+    deviation = 1.4826 * usual * np.sqrt(np.linalg.pinv(square)[0, 0])
     return float(np.arctan(slope[0])) if abs(slope[0]) > max(SKEW, CLEAR * deviation) else 0.0

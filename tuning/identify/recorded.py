@@ -16,7 +16,16 @@ from ..io.pages import grid, picture, publish
 from ..io.panels import panels
 from ..io.pictures import write_figures
 from .coverage import motions
+from .log import POSE, Log
+from .plain import twists
 
+UNITS = {"cmd_v": "m/s", "cmd_w": "rad/s", "speed_cmd": "m/s", "steering_angle_cmd": "rad"}
+COMMANDS = tuple(UNITS)
+UNITS |= {"speed": "m/s", "yaw_rate": "rad/s"}  # of what is drawn over time
+BY_NAME = (
+    "A quantity that stands in another topic is named in [identify.columns], as TOPIC.FIELD:"
+    ' cmd_v = "/drive_command.data[0]".'
+)
 STILL = 0.02  # m/s, and rad/s, below which a vehicle stands and does not turn
 SMALL = 0.25  # of the largest command: what is less is small, where a deadzone shows
 LEAST = 20.0  # s of a kind of driving, from which on something can be learned of it
@@ -30,41 +39,19 @@ class Share(NamedTuple):
 
 
 def shares(rows: Rows) -> list[Share]:
-    """For how long the vehicle drove each way, and was told little; of the rows there are."""
-    c, step = rows.columns, float(np.median(np.diff(rows.columns["t"])))
-    found = [Share(what, _seconds(when, step)) for what, when in motions(_speed(c), _turning(c), STILL, STILL).items()]
-    for name in ("cmd_v", "cmd_w", "speed_cmd", "steering_angle_cmd"):
-        if name in c and np.isfinite(c[name]).any():
-            most = float(np.nanmax(np.abs(c[name])))
-            little = (np.abs(c[name]) > 0) & (np.abs(c[name]) < SMALL * most)
-            found.append(Share(f"small {name}, up to {SMALL * most:.3g}", _seconds(little, step)))
+    """For how long the vehicle drove each way, by its poses, and was told little; of the rows there are."""
+    t = rows.columns["t"] - rows.columns["t"][0]
+    pose = {name: rows.columns[name] for name in POSE}
+    moved = twists(Log("", 0.0, t, np.zeros((len(t), 0)), (), pose))
+    driven = motions(moved[:, 0], moved[:, 2], STILL, STILL) if len(moved) else {}
+    found = [Share(what, float(np.mean(when) * t[-1])) for what, when in driven.items()]
+    for name in COMMANDS:
+        if name in rows.columns and np.isfinite(rows.columns[name]).any():
+            size = np.abs(rows.columns[name])
+            most = float(np.nanmax(size))
+            little = np.mean((size > 0) & (size < SMALL * most))
+            found.append(Share(f"small {name}, up to {SMALL * most:.3g}", float(little * t[-1])))
     return found
-
-
-def _seconds(when: np.ndarray, step: float) -> float:
-    return float(np.sum(when)) * step
-
-
-def _speed(c: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Speed along the heading [m/s] of each row, NaN where it cannot be told: measured, or from pose to pose."""
-    if "speed" in c:
-        return c["speed"]
-    fine = np.isfinite(c["x"]) & np.isfinite(c["heading"])
-    t, x, y, turned = (c[name][fine] for name in ("t", "x", "y", "heading"))
-    speed = np.full(len(c["t"]), np.nan)
-    if t.size > 2:
-        speed[fine] = np.gradient(x, t) * np.cos(turned) + np.gradient(y, t) * np.sin(turned)
-    return speed
-
-
-def _turning(c: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Yaw rate [rad/s] of each row, NaN where it cannot be told."""
-    if "yaw_rate" in c:
-        return c["yaw_rate"]
-    fine, rate = np.isfinite(c["heading"]), np.full(len(c["t"]), np.nan)
-    if fine.sum() > 2:
-        rate[fine] = np.gradient(c["heading"][fine], c["t"][fine])
-    return rate
 
 
 def table(recording: Recording, stamps: str) -> str:
@@ -91,7 +78,7 @@ def _line(stream: Stream, stamps: str) -> tuple[object, ...]:
 def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share]) -> list[str]:
     """What the recording is good for, a sentence each, the first one first."""
     if lacks := missing(found):
-        return [f"Not good for identification: {'; '.join(lacks)}.", *_by_name(found)]
+        return [f"Not good for identification: {'; '.join(lacks)}.", BY_NAME]
     parts = ", ".join(f"{name} from {stream.topic}" for name, (stream, _) in found.items())
     thin = [share for share in driven if share.seconds < LEAST]
     if not thin:
@@ -103,50 +90,40 @@ def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share]) -> li
     ]
 
 
-def _by_name(found: Mapping[str, tuple[Stream, Role]]) -> list[str]:
-    return [
-        "A quantity that stands in another topic is named in [identify.columns], as TOPIC.FIELD:"
-        ' cmd_v = "/drive_command.data[0]".'
-    ]
-
-
 def drive_figure(rows: Rows) -> Figure:
     """Where the vehicle was, coloured by time, and what was told and measured over time."""
     c = rows.columns
     t = c["t"] - c["t"][0]
-    told = [name for name in ("cmd_v", "cmd_w", "speed_cmd", "steering_angle_cmd", "speed", "yaw_rate") if name in c]
+    told = [name for name in UNITS if name in c]
     figure, axes = panels(1 + len(told), 1, (8.0, 4.5 + 1.4 * len(told)), height_ratios=[3.0, *[1.0] * len(told)])
-    place = axes[0, 0]
-    if "x" in c:
-        fine = np.isfinite(c["x"])
-        dots = place.scatter(c["x"][fine], c["y"][fine], c=t[fine], s=3, cmap="viridis")
-        figure.colorbar(dots, ax=place, label="time [s]")
-        place.set_aspect("equal", adjustable="datalim")
+    place, fine = axes[0, 0], np.isfinite(c["x"])
+    dots = place.scatter(c["x"][fine], c["y"][fine], c=t[fine], s=3, cmap="viridis")
+    figure.colorbar(dots, ax=place, label="time [s]")
+    place.set_aspect("equal", adjustable="datalim")
     place.set(xlabel="x [m]", ylabel="y [m]", title="where the vehicle was")
-    units = {"cmd_w": "rad/s", "yaw_rate": "rad/s", "steering_angle_cmd": "rad"}
     for row, name in zip(axes[1:, 0], told, strict=True):
         row.plot(t, c[name], ".", ms=1.5, color="0.2")
-        row.set_ylabel(f"{name}\n[{units.get(name, 'm/s')}]")
+        row.set_ylabel(f"{name}\n[{UNITS[name]}]")
     axes[-1, 0].set_xlabel("time [s]")
     return figure
 
 
-def write(
-    recording: Recording, found: Mapping[str, tuple[Stream, Role]], rows: Rows | None, folder: Path, stamps: str
-) -> str:
+def write(recording: Recording, found: Mapping[str, tuple[Stream, Role]], rows: Rows | None, folder: Path) -> str:
     """Report and figure into a folder; returns what a terminal has room for."""
-    driven = shares(rows) if rows is not None and "x" in rows.columns else []
-    said = verdict(found, driven)
-    notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows else ())]
-    picture_of = ""
-    if rows is not None and "x" in rows.columns:
-        write_figures(folder, {"drive": lambda: drive_figure(rows)})
+    stamps = rows.stamps if rows is not None else "arrival"
+    drive = rows if rows is not None and "x" in rows.columns else None
+    driven = shares(drive) if drive is not None else []
+    said, topics = verdict(found, driven), table(recording, stamps)
+    notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows is not None else ())]
+    sections = [f"# What {recording.name} holds", *said]
+    if drive is not None:
+        write_figures(folder, {"drive": lambda: drive_figure(drive)})
         caption = f"The drive of {recording.name}: where the vehicle was, what it was told, what was measured"
-        picture_of = picture("drive.png", caption)
-    sections = [f"# What {recording.name} holds", "\n\n".join(said), picture_of, "## Topics", table(recording, stamps)]
+        sections.append(picture("drive.png", caption))
+    sections += ["## Topics", topics]
     if driven:
         sections += ["## What was driven", grid(("what", "seconds"), [(s.what, f"{s.seconds:.0f}") for s in driven])]
     if notes:
         sections += ["## How it was read", "\n".join(f"* {line}" for line in notes)]
-    publish(folder, "\n\n".join(part for part in sections if part))
-    return "\n\n".join([said[0], table(recording, stamps), *said[1:], *notes])
+    publish(folder, "\n\n".join(sections))
+    return "\n\n".join([said[0], topics, *said[1:], *notes])

@@ -10,7 +10,7 @@ import numpy as np
 from .recording import Recording, Stream
 
 
-def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], None]) -> Recording:
     """The channel groups of an .mf4 or .mdf file, a stream for each; channels that are no numbers are left out.
 
     Raises:
@@ -22,7 +22,6 @@ def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
         with MDF(path) as log:
             streams = []
             for number, group in enumerate(log.groups):
-                tick(number, len(log.groups))
                 signals = [s for s in log.select([(None, number, i) for i in range(len(group.channels))])]
                 numbers = {
                     s.name: s for s in signals if np.issubdtype(s.samples.dtype, np.number) and s.samples.ndim == 1
@@ -33,4 +32,5 @@ def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
                 streams.append(Stream(f"group{number}", "MDF", np.round(times * 1e9).astype(np.int64), None, fields))
     except Exception as error:  # the library ends in whatever damaged bytes lead it to
         raise ValueError(f"no MDF file that can be read ({str(error) or type(error).__name__})") from error
+    tick(sum(stream.size for stream in streams))
     return Recording(path.name, tuple(s for s in streams if s.fields), {}, ())

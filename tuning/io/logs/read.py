@@ -19,20 +19,28 @@ READERS = {  # by the end of a name: what reads it, and the libraries that this 
     ".mf4": ("mdf", ("asammdf",)),
     ".mdf": ("mdf", ("asammdf",)),
 }
+FORMATS = b"FMT,"
 FOLDER = ("ros", ("rosbags", "mcap"))  # of a bag of ROS 2
 
 
 def is_recording(file: str) -> bool:
-    """Whether a name is of a folder, or ends as those of recordings do."""
-    return Path(file).is_dir() or Path(file).suffix.lower() in READERS
+    """Whether a file is a recording, by its name: of a folder, or as those of recordings end.
+
+    Many text files are called .log: that of a dataflash begins with its formats.
+    """
+    path = Path(file)
+    if path.suffix.lower() == ".log" and path.is_file():
+        with path.open("rb") as opened:
+            return opened.read(len(FORMATS)) == FORMATS
+    return path.is_dir() or path.suffix.lower() in READERS
 
 
-def read(file: str, tick: Callable[[int, int], None] = lambda count, total: None) -> Recording:
+def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recording:
     """The streams of a recording.
 
     Args:
         file: its name; the folder of a bag of ROS 2.
-        tick: told how much was read, of how much; 0 where nobody knows.
+        tick: told how many messages were read so far.
 
     Raises:
         ValueError: it cannot be read; it says why, or what has to be installed.

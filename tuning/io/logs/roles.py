@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from ..quaternion import heading
+from ..headings import of_quaternions
 from .recording import Recording, Stream
 
 ROLE_NAMES = ("pose", "command", "speed", "yaw_rate", "steering")
@@ -31,7 +31,7 @@ def _pose(prefix: str, translation: str = "position", rotation: str = "orientati
     def values(given: Mapping[str, np.ndarray]) -> Values:
         turned = np.column_stack([given[f"{prefix}{rotation}.{part}"] for part in "xyzw"])
         place = {name: given[f"{prefix}{translation}.{name}"] for name in "xy"}
-        return place | {"heading": heading(turned)}
+        return place | {"heading": of_quaternions(turned)}
 
     return Role("pose", ("x", "y", "heading"), values)
 
@@ -98,12 +98,15 @@ def roles_of(stream: Stream) -> list[Role]:
     return fine
 
 
-def chosen(recording: Recording, asked: Mapping[str, str]) -> dict[str, tuple[Stream, Role]]:
+def chosen(
+    recording: Recording, asked: Mapping[str, str], elsewhere: Collection[str] = ()
+) -> dict[str, tuple[Stream, Role]]:
     """By role the stream that serves as it.
 
     Args:
         recording: the streams.
         asked: by role a topic, where several could serve; "" for none.
+        elsewhere: our names that are told by something else: a role that tells nothing but these is not looked for.
 
     Raises:
         ValueError: a topic that is not there or cannot serve so, or several that could and none is named.
@@ -111,7 +114,8 @@ def chosen(recording: Recording, asked: Mapping[str, str]) -> dict[str, tuple[St
     can: dict[str, list[tuple[Stream, Role]]] = {}
     for stream in recording.streams:
         for role in roles_of(stream) if stream.size > 1 else ():
-            can.setdefault(role.name, []).append((stream, role))
+            if not set(role.tells) <= set(elsewhere):
+                can.setdefault(role.name, []).append((stream, role))
     if wrong := [name for name in asked if name not in can and asked[name]]:
         rule = f"one of {', '.join(can)}" if can else "left out: no topic of it can serve as anything"
         raise ValueError(f"--topics {wrong[0]}: must be {rule}")

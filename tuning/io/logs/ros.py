@@ -14,33 +14,23 @@ import numpy as np
 
 from . import mcap_file, sqlite_file
 from .recording import Gathered, Part, Recording, Sent
+from .roles import ROLES
 
-KINDS = {  # what is read of a bag, by the type of the message: all that a drive can be told by
-    f"{package}/msg/{name}"
-    for package, names in {
-        "geometry_msgs": "Twist TwistStamped TwistWithCovarianceStamped PoseStamped PoseWithCovarianceStamped",
-        "nav_msgs": "Odometry",
-        "sensor_msgs": "Imu JointState NavSatFix",
-        "ackermann_msgs": "AckermannDrive AckermannDriveStamped",
-        "tf2_msgs": "TFMessage",
-        "autoware_control_msgs": "Control",
-        "autoware_vehicle_msgs": "VelocityReport SteeringReport",
-        "std_msgs": "Float32 Float64 Float32MultiArray Float64MultiArray",
-    }.items()
-    for name in names.split()
-}
+BY_NAME = ("sensor_msgs/msg/JointState", "sensor_msgs/msg/NavSatFix")  # types whose numbers serve where they are named
+BY_NAME += tuple(f"std_msgs/msg/Float{bits}{many}" for bits in (32, 64) for many in ("", "MultiArray"))
+KINDS = {*ROLES, *BY_NAME}  # what is read of a bag: all that a drive can be told by
 LONGEST = 64  # numbers of a list that are taken
 BEYOND = ("covariance", "effort")  # of no use here
 
 
-def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], None]) -> Recording:
     """The streams of a bag: a .bag, .db3 or .mcap file, or the folder of a ROS 2 bag.
 
     A bag that ends too early gives what it holds, but one of ROS 1, which has its index at its end.
 
     Args:
         path: the file or folder.
-        tick: told how many messages were read, of how many; 0 where nobody knows.
+        tick: told how many messages were read so far.
 
     Raises:
         ValueError: it is no such bag.
@@ -50,7 +40,7 @@ def read(path: Path, tick: Callable[[int, int], None]) -> Recording:
     if not parts:
         raise ValueError("a folder without a .mcap or .db3 file in it")
     messages = itertools.chain(*(_messages(part, lost) for part in parts))
-    return _gathered(path, messages, lost, tick, 0)
+    return _gathered(path, messages, lost, tick)
 
 
 def _messages(path: Path, lost: list[str]) -> Iterator[Sent]:
@@ -81,13 +71,7 @@ def _messages(path: Path, lost: list[str]) -> Iterator[Sent]:
         lost.append(f"{words}; {count} messages before that were read")
 
 
-def _gathered(
-    path: Path,
-    messages: Iterator[Sent],
-    lost: list[str],
-    tick: Callable[[int, int], None],
-    total: int,
-) -> Recording:
+def _gathered(path: Path, messages: Iterator[Sent], lost: list[str], tick: Callable[[int], None]) -> Recording:
     """The streams of messages."""
     known: dict[str, Gathered] = {}
     unread: dict[str, tuple[str, int]] = {}
@@ -95,7 +79,7 @@ def _gathered(
     count = 0
     for count, (topic, kind, arrival, message) in enumerate(messages, 1):
         if count % 4096 == 0:
-            tick(count, total)
+            tick(count)
         if kind not in KINDS:
             unread[topic] = kind, unread.get(topic, (kind, 0))[1] + 1
             continue
@@ -108,7 +92,7 @@ def _gathered(
             continue
         for name, stamp, numbers in parts:
             known.setdefault(name, Gathered(name, kind)).add(arrival, stamp, numbers)
-    tick(count, total)
+    tick(count)
     lost += [f"{topic}: {times} messages are damaged in all" for topic, times in damaged.items() if times > 1]
     return Recording(path.name, tuple(one.stream() for one in known.values()), unread, tuple(lost))
 

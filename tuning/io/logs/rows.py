@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ..headings import unwrapped
 from .recording import CLOCKS, GAP, Recording, Stream
 from .roles import Role
 
@@ -17,36 +18,44 @@ SHORTEST, MOST_ROWS = 0.002, 5_000_000  # s, a row's step at least; rows
 class Rows(NamedTuple):
     """A drive in N rows."""
 
-    columns: dict[str, np.ndarray]  # by our names (N,), and "t" [s]; NaN where nothing was measured
-    fields: dict[str, np.ndarray]  # the same of every number of every topic that was sent, as TOPIC.FIELD
+    columns: dict[str, np.ndarray]  # by our names (N,), "t" [s], and TOPIC.FIELD; NaN where nothing was measured
     stamps: str  # whose times: "header" or "arrival"
     notes: tuple[str, ...]  # what was done, a sentence each
 
 
-def stamps_of(found: Mapping[str, tuple[Stream, Role]], asked: str = "auto") -> tuple[str, list[str]]:
+def stamps_of(streams: Sequence[Stream], asked: str = "auto") -> tuple[str, str]:
     """Whose times are used, "header" or "arrival", and why.
 
-    The sender's, where what is measured has them and its clock is that of the recorder: a command without a stamp of
-    its own is known by its arrival alone.
+    The sender's, where there are any and all clocks are that of the recorder: a message without a stamp of its own is
+    known by its arrival alone.
+
+    Raises:
+        ValueError: the senders' are `asked` for, and there are none.
     """
-    stamped = [stream for stream, _ in found.values() if stream.header is not None]
-    bare = [stream.topic for stream, _ in found.values() if stream.header is None]
-    apart = {s.topic: float(np.median(s.arrival - s.header)) * 1e-9 for s in stamped if s.header is not None}
-    strange = {topic: late for topic, late in apart.items() if abs(late) > CLOCKS}
-    if asked != "auto":
-        return asked, []
-    if not stamped:
-        return "arrival", ["times are those of arrival: no message has a stamp of its sender"]
-    if strange and bare:
-        topic, late = next(iter(strange.items()))
-        words = f"stamps of {topic} are {late:.3g} s from their arrival, another clock than that of the recorder"
-        return "arrival", [f"times are those of arrival: {words}, and {', '.join(bare)} has none"]
-    late = ", ".join(f"{topic} {1e3 * x:.3g} ms" for topic, x in apart.items())
+    bare = [stream.topic for stream in streams if stream.header is None]
+    apart = {s.topic: float(np.median(s.arrival - s.header)) * 1e-9 for s in streams if s.header is not None}
+    if asked == "header" and not apart:
+        raise ValueError(f"no stamps of senders, only times of arrival: {', '.join(bare)} have none")
+    if asked == "arrival" or not apart:
+        return "arrival", "times are those of arrival" + ("" if apart else ": no message has a stamp of its sender")
+    late = [*apart.values(), *[0.0] * bool(bare)]
+    if asked == "auto" and max(late) - min(late) > CLOCKS:
+        topic = max(apart, key=lambda name: abs(apart[name]))
+        words = f"stamps of {topic} are {apart[topic]:.3g} s from their arrival, by another clock than the others"
+        return "arrival", f"times are those of arrival: {words}"
+    listed = ", ".join(f"{topic} {1e3 * x:.3g} ms" for topic, x in apart.items())
     more = f"; of arrival for {', '.join(bare)}, which has none" if bare else ""
-    return "header", [f"times are those of the senders (arrival later by {late}){more}"]
+    return "header", f"times are those of the senders (arrival later by {listed}){more}"
 
 
-def table(recording: Recording, found: Mapping[str, tuple[Stream, Role]], asked: str = "auto") -> Rows:
+# long: mostly its arguments and what they mean
+def table(
+    recording: Recording,
+    found: Mapping[str, tuple[Stream, Role]],
+    measured: Iterable[str] = (),
+    commands: Iterable[str] = (),
+    asked: str = "auto",
+) -> Rows:
     """The chosen streams in rows.
 
     Rows are as far apart as the fastest stream's messages. A command holds until the next one, but not across a gap of
@@ -56,34 +65,35 @@ def table(recording: Recording, found: Mapping[str, tuple[Stream, Role]], asked:
     Args:
         recording: all streams.
         found: the stream and role of each role.
+        measured: numbers besides, as TOPIC.FIELD; names of no number are passed over.
+        commands: the same of what holds.
         asked: "header" or "arrival"; "auto" where the streams decide.
 
     Raises:
-        ValueError: the streams do not overlap, or are too long for rows this short.
+        ValueError: nothing is chosen, the streams do not overlap, or are too long for rows this short.
     """
-    stamps, notes = stamps_of(found, asked)
-    t, begin, step = _clock([stream for stream, _ in found.values()], stamps)
+    fields = {f"{stream.topic}.{field}": (stream, field) for stream in recording.streams for field in stream.fields}
+    sources = [(stream, role.values(stream.fields), role.held) for stream, role in found.values()]
+    for names, held in ((measured, False), (commands, True)):
+        picked = [(name, *fields[name]) for name in names if name in fields]
+        sources += [(stream, {name: stream.fields[field]}, held) for name, stream, field in picked]
+    streams = list({stream.topic: stream for stream, _, _ in sources}.values())
+    if not streams:
+        raise ValueError("no topic of it is of a type that serves by itself; name its numbers as TOPIC.FIELD")
+    stamps, note = stamps_of(streams, asked)
+    t, begin, step = _clock(streams, stamps)
     columns: dict[str, np.ndarray] = {"t": begin * 1e-9 + t}
-    told = set()
-    for name, (stream, role) in found.items():
-        own = (stream.times(stamps) - begin) * 1e-9
-        laid = _laid(own, role.values(stream.fields), t, step, role.held)
-        columns |= {n: x for n, x in laid.items() if n not in columns}
-        told |= {stream.topic} if role.held else set()
-        if lost := _gaps(own):
-            notes.append(f"{stream.topic} ({name}): {lost} gaps")
-    fields = {}
-    for stream in recording.streams:
-        own = (stream.times(stamps) - begin) * 1e-9
-        laid = _laid(own, stream.fields, t, step, stream.topic in told) if stream.size > 1 else {}
-        fields |= {f"{stream.topic}.{name}": values for name, values in laid.items()}
-    return Rows(columns, fields, stamps, tuple(notes))
+    for stream, values, held in sources:
+        laid = _laid((stream.times(stamps) - begin) * 1e-9, values, t, step, held)
+        columns |= {name: column for name, column in laid.items() if name not in columns}
+    gaps = {stream.topic: stream.regularity(stamps)[1] for stream in streams}
+    return Rows(columns, stamps, (note, *(f"{topic}: {count} gaps" for topic, count in gaps.items() if count)))
 
 
 def _clock(streams: Sequence[Stream], stamps: str) -> tuple[np.ndarray, int, float]:
     """The times of the rows [s] since the first instant that all streams know [ns], and how far apart they are [s]."""
     usual = [stream.regularity(stamps)[0] for stream in streams]
-    step = max(min(period for period in usual if period > 0), SHORTEST)
+    step = max(min((period for period in usual if period > 0), default=np.inf), SHORTEST)
     begin = max(int(stream.times(stamps).min()) for stream in streams)
     end = min(int(stream.times(stamps).max()) for stream in streams)
     count = math.floor((end - begin) * 1e-9 / step) + 1
@@ -92,12 +102,6 @@ def _clock(streams: Sequence[Stream], stamps: str) -> tuple[np.ndarray, int, flo
     if count > MOST_ROWS:
         raise ValueError(f"{count} rows of {step:g} s, more than {MOST_ROWS}: cut it first")
     return np.arange(count) * step, begin, step
-
-
-def _gaps(own: np.ndarray) -> int:
-    """Where a stream falls silent for more than a few of its usual periods."""
-    periods = np.diff(np.sort(own))
-    return int((periods > GAP * np.median(periods)).sum()) if periods.size else 0
 
 
 def _laid(
@@ -124,16 +128,7 @@ def _laid(
     exact = there & (np.abs(t - own[first]) <= 1e-6)
     share = np.where(span > 0, (t - own[first]) / np.where(span > 0, span, 1.0), 0.0)
     for name, value in values.items():
-        value = _whole_turns(name, value[order])
+        value = unwrapped(value[order]) if name == "heading" else value[order]
         between = value[first] + share * (value[after] - value[first])
         laid[name] = np.where(exact, value[first], np.where(near, between, np.nan))
     return laid
-
-
-def _whole_turns(name: str, value: np.ndarray) -> np.ndarray:
-    """Headings without leaps of a whole turn, between which nothing could be taken."""
-    if name != "heading":
-        return value
-    fine, whole = np.isfinite(value), value.copy()
-    whole[fine] = np.unwrap(value[fine])
-    return whole

@@ -1,16 +1,19 @@
 """Recordings written by others' libraries, or byte by byte, are read as they were written; what is cut off is said."""
 
-import json
 import struct
 
 import numpy as np
 import pytest
 
+import agvjax
 import commands
-from tuning.io.logs import read
+from tuning.identify.load import load
+from tuning.identify.recorded import shares
+from tuning.io.csv_file import Column
+from tuning.io.logs import is_recording, read
 from tuning.io.logs.recording import Recording, Stream
 from tuning.io.logs.roles import chosen
-from tuning.io.logs.rows import table
+from tuning.io.logs.rows import Rows, stamps_of, table
 
 START = 1_700_000_000_000_000_000  # ns
 MS = 1_000_000
@@ -79,7 +82,7 @@ def test_a_bag_of_ros_2_is_read_as_it_was_written(tmp_path, store, storage):
     assert {name: stream.topic for name, (stream, _) in found.items()} == {
         "pose": "/odom", "speed": "/odom", "command": "/cmd_vel",
     }  # fmt: skip
-    rows = table(recording, found)
+    rows = table(recording, found, ["/odom.twist.twist.linear.x"], ["/cmd_vel.linear.x"])
     # by stamps of the sender: a row every 20 ms, the first when both are there, 5 ms after the first pose
     t = rows.columns["t"] - START * 1e-9
     np.testing.assert_allclose(t, 0.005 + 0.02 * np.arange(t.size), atol=1e-6)
@@ -98,8 +101,9 @@ def test_a_bag_of_ros_2_is_read_as_it_was_written(tmp_path, store, storage):
         and "later by /odom 7 ms" in rows.notes[0]
         and "of arrival for /cmd_vel" in rows.notes[0]
     )
-    assert "/cmd_vel (command): 1 gaps" in rows.notes
-    np.testing.assert_allclose(rows.fields["/odom.twist.twist.linear.x"][:5], 0.5)
+    assert "/cmd_vel: 1 gaps" in rows.notes
+    np.testing.assert_allclose(rows.columns["/odom.twist.twist.linear.x"], 0.5, rtol=1e-12)
+    np.testing.assert_array_equal(rows.columns["/cmd_vel.linear.x"], told)  # named, it holds as well
 
 
 def test_a_slow_sensor_fills_few_rows_and_turns_on_past_half_a_turn():
@@ -231,7 +235,8 @@ def test_a_folder_and_a_file_that_are_no_recordings_are_refused_with_exit_code_2
     (tmp_path / "wrong.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     for name in ("empty", "wrong.mcap", "wrong.ulg", "wrong.bag", "gone.mcap", "drive.csv"):
         _, err = commands.run(["log", str(tmp_path / name), "--out", str(tmp_path / "out")], code=2)
-        assert name in err and not (tmp_path / "out").exists(), name
+        assert f"FILE = {tmp_path / name}" in err and not (tmp_path / "out").exists(), name
+    assert "agvjax identify" in err  # of a CSV file
 
 
 def test_log_says_what_each_topic_can_serve_as_and_draws_the_drive(tmp_path, store):
@@ -239,7 +244,8 @@ def test_log_says_what_each_topic_can_serve_as_and_draws_the_drive(tmp_path, sto
     text, _ = commands.run(["log", str(folder), "--out", str(out)])
     text = " ".join(text.split())
     assert "pose from /odom" in text and "backwards, 0 s" in text
-    assert [word in text for word in ("/cmd_vel", "Odometry", "50", "1")]
+    row = next(line for line in (out / "report.md").read_text().splitlines() if line.startswith("| /cmd_vel"))
+    assert [cell.strip() for cell in row.split("|")][2:6] == ["Twist", "390", "20", "1"]
     assert {"drive.png", "report.html", "report.md"} <= set(commands.files_of(out))
     assert "Half a minute of each" in (out / "report.md").read_text()
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -250,4 +256,82 @@ def test_log_says_what_each_topic_can_serve_as_and_draws_the_drive(tmp_path, sto
             raw = store.serialize_cdr(twist(store, 0.5, 0.0), "geometry_msgs/msg/Twist")
             writer.write(command, START + k * MS, raw)
     text, _ = commands.run(["log", str(tmp_path / "poor"), "--out", str(tmp_path / "second")], code=1)
-    assert "no pose" in text and json.dumps(text)
+    assert "Not good for identification: no pose" in text
+
+
+def test_stamps_that_nobody_set_are_no_stamps():
+    told = START + 10 * MS * np.arange(100)
+    command = Stream("/cmd_vel", "geometry_msgs/msg/Twist", told, None, dict.fromkeys(("linear.x", "angular.z"), told))
+    with pytest.raises(ValueError, match="no stamps of senders, only times of arrival: /cmd_vel"):
+        stamps_of([command], "header")
+    assert stamps_of([command])[0] == "arrival"
+
+
+def test_senders_whose_clocks_differ_are_taken_by_arrival():
+    arrival = START + 10 * MS * np.arange(100)
+    streams = [Stream(name, "Odometry", arrival, arrival - late, {}) for name, late in (("/a", 0), ("/b", 10**10))]
+    stamps, why = stamps_of(streams)
+    assert stamps == "arrival" and "stamps of /b are 10 s from their arrival" in why
+    assert stamps_of(streams[1:])[0] == "header"  # one clock, whatever it says
+
+
+def test_a_vehicle_that_hardly_moves_stands_though_its_pose_is_noisy():
+    """2 mm of noise at 50 Hz are .1 m/s from one pose to the next."""
+    random, t = np.random.default_rng(0), 0.02 * np.arange(3000)
+    noise = lambda: 0.002 * random.standard_normal(t.size)  # noqa: E731
+    columns = {"t": t, "x": noise() + np.where(t < 30, 0.0, 0.3 * (t - 30)), "y": noise(), "heading": noise() / 2}
+    seconds = {share.what: share.seconds for share in shares(Rows(columns, "header", ()))}
+    assert seconds["forwards"] == pytest.approx(30, abs=1) and seconds["backwards"] < 1
+    assert seconds["straight on"] == pytest.approx(30, abs=2)
+
+
+def test_a_log_without_known_types_is_read_by_its_names(tmp_path):
+    """Dataflash: commands hold until the next one, what is measured is taken between; units as in any file."""
+    formats = {"CTRL": "Qff, TimeUS,V,W", "NAV": "Qffff, TimeUS,N,E,Yaw,Spd"}
+    lines = [f"FMT, {150 + i}, 30, {name}, {form}" for i, (name, form) in enumerate(formats.items())]
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", *lines]
+    for k in range(400):  # 50 Hz, a straight line to the north at .5 m/s; commands at 10 Hz
+        lines.append(f"NAV, {20000 * k}, {0.01 * k}, 0.0, 90.0, 0.5")
+        lines += [f"CTRL, {20000 * k}, {0.5 + 0.01 * (k // 5 % 10)}, {0.1 * (-1) ** (k // 50)}"] * (k % 5 == 0)
+    (tmp_path / "drive.log").write_text("\n".join(lines) + "\n")
+    where = {"x": Column("NAV.E"), "y": Column("NAV.N"), "heading": Column("NAV.Yaw", "deg")}
+    where |= {"cmd_v": Column("CTRL.V"), "cmd_w": Column("CTRL.W")}
+    log = load(str(tmp_path / "drive.log"), agvjax.Base(), where)
+    rows = round(log.t[-1] / 0.02) + 1
+    assert log.step == pytest.approx(0.02) and len(log.t) == rows == 396  # until the last command
+    np.testing.assert_allclose(log.measured["y"], 0.01 * np.arange(rows), atol=1e-6)
+    np.testing.assert_allclose(log.measured["heading"], np.pi / 2, atol=1e-6)
+    np.testing.assert_allclose(log.sent.values[:, 0], 0.5 + 0.01 * (np.arange(rows) // 5 % 10), atol=1e-6)
+    with pytest.raises(agvjax.InputError, match=r"it has no heading.*may be named, as TOPIC\.FIELD"):
+        load(str(tmp_path / "drive.log"), agvjax.Base(), {n: c for n, c in where.items() if n != "heading"})
+    (tmp_path / "plain.log").write_text("t,x,y,heading,cmd_v,cmd_w\n")  # a CSV file that is called so
+    assert not is_recording(str(tmp_path / "plain.log")) and is_recording(str(tmp_path / "drive.log"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_pictures_in_a_bag_take_no_memory(tmp_path, store, storage):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    t, count, size = store.types, 220, 640 * 480 * 3
+    header = t["std_msgs/msg/Header"](t["builtin_interfaces/msg/Time"](1, 0), "camera")
+    pixels = np.random.default_rng(0).integers(0, 255, size, dtype=np.uint8)
+    image = t["sensor_msgs/msg/Image"](header, 480, 640, "rgb8", 0, 1920, pixels)
+    raw = store.serialize_cdr(image, "sensor_msgs/msg/Image")
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin[storage]) as writer:
+        camera = writer.add_connection("/image", "sensor_msgs/msg/Image", typestore=store)
+        command = writer.add_connection("/cmd_vel", "geometry_msgs/msg/Twist", typestore=store)
+        for k in range(count):
+            writer.write(camera, START + 33 * MS * k, raw)
+            message = store.serialize_cdr(twist(store, 0.5, 0.0), "geometry_msgs/msg/Twist")
+            writer.write(command, START + 33 * MS * k, message)
+    program = f"""
+import resource
+from tuning.io.logs import read
+recording = read({str(tmp_path / "bag")!r})
+print(recording.streams[0].size, recording.unread["/image"][1])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+    counts, most = commands.python(program).splitlines()
+    assert counts == f"{count} {count}" and count * size > 200e6
+    assert float(most) < 120  # MB, of which 50 are Python's and NumPy's

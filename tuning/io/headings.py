@@ -1,4 +1,4 @@
-"""The heading of a quaternion, as ROS and Autoware write where a vehicle looks."""
+"""Headings: of quaternions, as ROS and Autoware write where a vehicle looks, and without leaps of a whole turn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 UNIT = 0.05  # by which the length of a quaternion may differ from 1, for its digits
 
 
-def heading(parts: np.ndarray) -> np.ndarray:
+def of_quaternions(parts: np.ndarray) -> np.ndarray:
     """The angle [rad] from the x axis towards the y axis at which the vehicle's own x axis lies in the plane.
 
     Args:
@@ -28,3 +28,10 @@ def heading(parts: np.ndarray) -> np.ndarray:
         rule = f"the squares of a quaternion must add up to 1, not to {length[at] ** 2:.4g}{more}"
         raise ValueError(f"row {at + 1} below the header: {rule}")
     return np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
+
+
+def unwrapped(heading: np.ndarray) -> np.ndarray:
+    """Headings (N,) [rad] without the leaps of a whole turn that the range of an angle makes; NaN stays NaN."""
+    whole, fine = heading.copy(), np.isfinite(heading)
+    whole[fine] = np.unwrap(heading[fine])
+    return whole
