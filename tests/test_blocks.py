@@ -10,7 +10,7 @@ import tomllib
 import pytest
 
 import agvjax
-from commands import FAST, ROOT, python, start
+from commands import FAST, HUNG, ROOT, python, start
 from runs import logged
 from tuning.cli.main import COMMANDS, parser
 from tuning.config.load import load
@@ -135,7 +135,7 @@ def called(call):
     elif words[0] != "explain":
         words += ["--out", f"runs/{words[0]}-{len(os.listdir('runs'))}"]
     process = start(words)
-    _, err = process.communicate(timeout=900)
+    _, err = process.communicate(timeout=HUNG)
     short = words[0] in ("tune", "speed", "identify")
     assert process.returncode == 0 or (process.returncode == 1 and short), err
     assert "Traceback" not in err, err

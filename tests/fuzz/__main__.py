@@ -18,7 +18,7 @@ from pathlib import Path
 from cases import Case, draw
 from rules import Answer, broken
 
-LIMIT, WORK = 300, 120  # s of one call: of a clock, where a call waits for ever, and of the processor, where it works
+LIMIT, WORK = 1800, 120  # s of one call: of a clock, where a call waits for ever, and of the processor, where it works
 
 
 class Worker:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from commands import arguments, start
+from commands import HUNG, arguments, start
 from tuning.sweep import shards
 
 KILLS = 40
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 def end(argv):
     process = start(argv)
-    _, err = process.communicate(timeout=600)
+    _, err = process.communicate(timeout=HUNG)
     assert process.returncode in (0, 1) and "Traceback" not in err, err
     return process.returncode
 

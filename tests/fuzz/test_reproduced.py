@@ -82,5 +82,5 @@ def test_fifty_inputs_break_no_rule():
     """Of a seed that changes from day to day; `make fuzz` takes more."""
     program, seed = str(Path(__file__).parent), str(int(time.time() // 86400) * 1000)
     argv = [sys.executable, program, "--seed", seed, "--count", "50", "--seconds", "240"]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=900, check=False)
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-8000:] + done.stderr[-2000:]

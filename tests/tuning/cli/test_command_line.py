@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from commands import FAST, SHORT_TUNE, arguments, contents, files_of, python, run, start
+from commands import FAST, HUNG, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
 from tuning.compute import memory
@@ -226,7 +226,7 @@ def stop_midway(out, settings, how, folder_has="checkpoint.npz"):
     while not (out / folder_has).exists() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.002)
     process.send_signal(how)
-    said, err = process.communicate(timeout=60)
+    said, err = process.communicate(timeout=HUNG)
     assert said == ""
     return process.returncode, err
 
@@ -682,7 +682,7 @@ def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
     process = start(arguments("simulate", tmp_path / "out", FAST))
     process.stdout.close()
     process.stderr.close()
-    assert process.wait(timeout=300) == 0
+    assert process.wait(timeout=HUNG) == 0
     assert (tmp_path / "out" / "trajectory.npz").exists()
 
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from commands import FAST, SHORT_TUNE, arguments, run, start
+from commands import FAST, HUNG, SHORT_TUNE, arguments, run, start
 from tuning.sweep import results, shards
 
 SWEEP = [
@@ -80,7 +80,7 @@ def test_of_two_processes_one_is_killed_and_the_other_finishes_all(undisturbed, 
     wait_for(out, 6)
     first.kill()
     first.communicate()
-    _, said = second.communicate(timeout=300)
+    _, said = second.communicate(timeout=HUNG)
     assert second.returncode == 0, said
     same(out, undisturbed[0])
     assert (out / "report.html").exists()
@@ -99,7 +99,7 @@ def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_pat
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size // 2}, {size // 2}))"
     limited = ("-c", f"{limit}; from tuning.cli.main import run; run()")  # Python ignores the signal of it by itself
     process = start(swept(out, "--set", "sweep.shard=4000", "--quiet"), limited)
-    _, said = process.communicate(timeout=300)
+    _, said = process.communicate(timeout=HUNG)
     assert process.returncode == 1 and "Traceback" not in said
     assert "could not be written" in said and "2 of 4 are kept" in said
     assert {path.name: path.read_bytes() for path in kept} == before
@@ -138,7 +138,7 @@ def numbers(text):
 
 def test_two_processes_and_four_devices_tune_to_the_gains_of_one(alone, tmp_path, monkeypatch):
     for process in together(tmp_path / "two", TUNE):
-        _, said = process.communicate(timeout=300)
+        _, said = process.communicate(timeout=HUNG)
         assert process.returncode == 0, said
     monkeypatch.setenv("JAX_NUM_CPU_DEVICES", "4")
     run(arguments("tune", tmp_path / "four", TUNE))
@@ -155,12 +155,12 @@ def test_a_lost_process_ends_the_other_and_the_run_goes_on_to_the_same_result(al
         time.sleep(0.05)
     second.kill()
     lost = time.monotonic()
-    _, said = first.communicate(timeout=60)
+    _, said = first.communicate(timeout=HUNG)
     assert time.monotonic() - lost < 60 and first.returncode != 0
     assert "another process was lost" in said and "--resume" in said
     second.communicate()
     for process in together(out, longer, "--resume"):
-        _, said = process.communicate(timeout=300)
+        _, said = process.communicate(timeout=HUNG)
         assert process.returncode == 0, said
     run(arguments("tune", tmp_path / "alone", longer))
     np.testing.assert_allclose(numbers(history(out)[0]), numbers(history(tmp_path / "alone")[0]), rtol=1e-9, atol=1e-12)

@@ -64,7 +64,7 @@ def recorded(folder, storage, told, measured):
 def identified(log, out):
     small = ["identify.drives=0", "identify.bootstrap=200", "identify.starts=1"]
     line = commands.arguments("identify", out, small, "--config", "base", "--fit", "deadzone,delay,vehicle", log)
-    commands.run(line, timeout=900)
+    commands.run(line)
     return json.loads((out / "estimates.json").read_text())
 
 

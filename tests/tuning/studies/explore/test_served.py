@@ -40,7 +40,7 @@ def served(*options):
 
 
 def fetched(address):
-    with urllib.request.urlopen(address, timeout=30) as answer:
+    with urllib.request.urlopen(address, timeout=commands.HUNG) as answer:
         return answer.read()
 
 
@@ -48,7 +48,7 @@ def asked_by(origin, port):
     """The answer to a page of an origin that opens a connection for sliders and curves."""
     upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": origin}
     upgrade |= {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=30)) as line:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=commands.HUNG)) as line:
         line.request("GET", "/ws", headers=upgrade)
         return line.getresponse().status
 
@@ -66,7 +66,7 @@ def test_it_is_served_here_alone_without_a_network_and_ends_on_ctrl_c(tmp_path):
         with pytest.raises(OSError):  # another address of the same computer
             socket.create_connection(("127.0.0.2", port), timeout=5)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+        out, err = process.communicate(timeout=commands.HUNG)
         assert process.returncode == 130
         assert "interrupted" in err and "Traceback" not in out + err
     assert commands.files_of(tmp_path / "out") == []

@@ -209,7 +209,7 @@ SETTLED = {  # section 5 of the written specification, within 2 %
 
 @pytest.mark.slow
 def test_the_whole_reproduction(tmp_path):
-    run(["reproduce", "--out", str(tmp_path / "run"), "--quiet"], timeout=None)
+    run(["reproduce", "--out", str(tmp_path / "run"), "--quiet"])
     out = tmp_path / "run"
     found = json.loads((out / "tables.json").read_text())
     for name, (settling, rmse) in SETTLED.items():
@@ -238,7 +238,7 @@ def test_the_whole_reproduction(tmp_path):
 @pytest.mark.slow
 def test_a_small_comparison(tmp_path):
     settings = ("simulate.dt=0.005", "ensemble.size=8", "ensemble.validation_size=8")
-    run(arguments("compare", tmp_path / "run", settings, "--quiet"), timeout=None)
+    run(arguments("compare", tmp_path / "run", settings, "--quiet"))
     found = json.loads((tmp_path / "run" / "comparison.json").read_text())
     rows = {row["law"]: row for row in found["rows"]}
     assert set(rows) == {*compare.laws(None), "event"}

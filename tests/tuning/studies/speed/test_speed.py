@@ -173,7 +173,7 @@ def distance(run, line, late):
 def studied(tmp_path_factory):
     out = tmp_path_factory.mktemp("speed") / "out"
     more = ("--config", "base", "--within", WITHIN)
-    return out, more, run(arguments("speed", out, SMALL, *more), timeout=900)[0]
+    return out, more, run(arguments("speed", out, SMALL, *more))[0]
 
 
 def rows_of(out):
@@ -228,7 +228,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_result(studied):
     lost.unlink()
     (out / "speed.csv").unlink()
     times = {path: path.stat().st_mtime_ns for path in kept if path != lost}
-    again = run(arguments("speed", out, SMALL, *more, "--resume"), timeout=900)[0]
+    again = run(arguments("speed", out, SMALL, *more, "--resume"))[0]
     assert (out / "speed.csv").read_bytes() == before and lost.exists()
     assert times == {path: path.stat().st_mtime_ns for path in times}
     assert again.splitlines()[-4:] == said.splitlines()[-4:]

@@ -230,7 +230,7 @@ def test_the_report_on_vehicles_holds_what_is_promised(tmp_path):
     pytest.importorskip("mujoco")
     pytest.importorskip("vehiclemodels")
     out = tmp_path / "vehicles"
-    run(["vehicles", "--quiet", "--out", str(out)], timeout=None)
+    run(["vehicles", "--quiet", "--out", str(out)])
     found = json.loads((out / "findings.json").read_text())
     assert found["paper"]["continuous"]["late"] < 0.01
     assert found["paper"]["50 Hz, exact"]["late"] < 0.01
