@@ -222,7 +222,7 @@ def test_an_ensemble_in_which_every_run_diverges_exits_with_1(tmp_path):
 
 def stop_midway(out, settings, how, folder_has="checkpoint.npz"):
     process = start(arguments("tune", out, settings, "--quiet"))
-    deadline = time.monotonic() + 240
+    deadline = time.monotonic() + HUNG
     while not (out / folder_has).exists() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.002)
     process.send_signal(how)
