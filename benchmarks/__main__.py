@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, explore, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
+from . import accuracy, drives, explore, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -29,6 +29,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "problems": lambda turns: problems.measure(),
     "sweep": sweep.measure,
     "explore": explore.measure,
+    "drives": lambda turns: drives.measure(),
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
 

@@ -23,7 +23,7 @@ TUNE = [*FAST, "ensemble.size=2", "ensemble.validation_size=2", "tune.iterations
 SMALL = {  # enough to go all the way through
     "simulate": FAST,
     "tune": TUNE,
-    "sweep": ["simulate.horizon=1", "sweep.dt=0.01", "sweep.samples=2", "sweep.radius=false"],
+    "sweep": ["simulate.horizon=20", "sweep.dt=0.01", "sweep.samples=2", "sweep.radius=false"],
     "margins": ["margins.vehicles=1", "margins.instants=2"],
     "speed": [*TUNE, "speed.points=2"],
     "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],

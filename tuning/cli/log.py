@@ -14,7 +14,7 @@ from ..io.logs.rows import table
 from .console import Console
 from .folders import new_folder
 
-KINDS = f"{', '.join(READERS)}, or the folder of a bag of ROS 2"
+KINDS = f"{', '.join(READERS)}, or the folder of a bag of ROS 2 or of text tables"
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,8 @@ import numpy as np
 import agvjax
 
 from ..io import geo
-from ..io.csv_file import KINDS, UNITS, Column, names, numbered, read
+from ..io.csv_file import KINDS, UNITS, Column, names, read
+from ..io.csv_text import numbered
 from ..io.track_names import guessed
 from .spellings import Toml, column, numbers
 

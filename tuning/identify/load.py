@@ -17,7 +17,7 @@ from agvjax.plants.base import Driven
 
 from ..io import logs as recordings
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
-from ..io.headings import of_quaternions, unwrapped
+from ..io.headings import unwrapped
 from ..io.logs.roles import chosen
 from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
@@ -66,13 +66,13 @@ def load(
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
-            table = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps)
-            tongue = tongue or _tongue(tongues, where, table)
-            table = _told(table, must, [part for name in tongue for part in where[name].parts])
+            values = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps)
+            tongue = tongue or _tongue(tongues, values)
+            values = _told(values, (*POSE, *asked), tongue)
         else:
             table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
-            tongue = tongue or _tongue(tongues, where, table)
-        values = _in_si(table, where)
+            values = {name: place.values(table) for name, place in where.items() if {*place.parts} <= table.keys()}
+            tongue = tongue or _tongue(tongues, values)
     except ValueError as error:
         kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
         rule = f"a log: a CSV file or a recording with t, {', '.join(POSE)} and {kinds_of}, or others named in"
@@ -93,18 +93,18 @@ def load(
 def _recorded(
     file: str, columns: Mapping[str, Column], commands: Collection[str], topics: Mapping[str, str], stamps: str
 ) -> dict[str, np.ndarray]:
-    """The columns of a recording, by our names where a topic's type tells them, and those named as TOPIC.FIELD.
+    """The columns of a recording by our names, as a topic's type tells them or as they are named, TOPIC.FIELD.
 
     Raises:
         ValueError: it cannot be read.
     """
     recording = recordings.read(file)
-    elsewhere = [name for name, place in columns.items() if place.parts]
-    told, seen = (
-        [part for name in elsewhere if (name in commands) is held for part in columns[name].parts]
-        for held in (True, False)
-    )
-    return rows_of(recording, chosen(recording, topics, elsewhere), seen, told, stamps).columns
+    named = {name: place for name, place in columns.items() if place.parts}
+    if "t" in named:
+        raise ValueError(f"t = {named['t'].words} must be left out: a recording has the times of its messages")
+    found = chosen(recording, topics, list(named))
+    rows = rows_of(recording, found, named, commands, stamps).columns
+    return {name: values for name, values in rows.items() if columns.get(name) != NONE}  # an empty name: not to be read
 
 
 def _told(table: Mapping[str, np.ndarray], must: Sequence[str], commands: Sequence[str]) -> dict[str, np.ndarray]:
@@ -113,7 +113,7 @@ def _told(table: Mapping[str, np.ndarray], must: Sequence[str], commands: Sequen
     Raises:
         ValueError: a column is not there that must be, or too few rows are left.
     """
-    if lacks := [name for name in (*must, *commands) if name not in table]:
+    if lacks := [name for name in dict.fromkeys((*must, *commands)) if name not in table]:
         raise ValueError(f"it has no {', '.join(lacks)}; any of its numbers may be named, as TOPIC.FIELD")
     keep = np.logical_and.reduce([np.isfinite(table[name]) for name in commands])
     if keep.sum() < LEAST_ROWS:
@@ -142,30 +142,16 @@ def kinds(plant: agvjax.Plant) -> dict[str, list[str]]:
     }
 
 
-def _tongue(
-    tongues: Sequence[tuple[str, ...]], where: Mapping[str, Column], table: Mapping[str, np.ndarray]
-) -> tuple[str, ...]:
-    """The first of them whose columns are all there.
+def _tongue(tongues: Sequence[tuple[str, ...]], values: Mapping[str, np.ndarray]) -> tuple[str, ...]:
+    """The first of them whose commands are all there.
 
     Raises:
         ValueError: of none they are.
     """
     for tongue in tongues:
-        if all(name in where and where[name].column in table for name in tongue):
+        if all(name in values for name in tongue):
             return tongue
     raise ValueError(f"it has no columns {', nor '.join(' and '.join(tongue) for tongue in tongues)}")
-
-
-def _in_si(table: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> dict[str, np.ndarray]:
-    """By our names what the columns say, in SI units."""
-    values = {}
-    with np.errstate(over="ignore"):  # of an absurd factor, which is refused later
-        for name, place in where.items():
-            if place.quaternion:
-                values[name] = place.factor * of_quaternions(np.column_stack([table[c] for c in place.parts]))
-            elif place.column in table:
-                values[name] = table[place.column] * UNITS.get(place.unit, 1.0) * place.factor
-    return values
 
 
 def _from_ahead(log: Log, ahead: float) -> Log:

@@ -5,25 +5,26 @@ from __future__ import annotations
 import csv
 import datetime
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from . import files
+from . import csv_text, files
+from .csv_text import is_number, numbered
+from .headings import of_quaternions
 from .numbers import real
 
 LARGEST_FILE = 500_000_000  # bytes of a log
 LARGEST = 1e30  # a cell that is larger stands for a value that is not there
-COMMENTS = ("#", "//", "% ")  # what begins a line that is none of the rows; before the first row one may be the header
-SEPARATORS = ",;\t"  # the first of them that the header has; without one, columns are separated by spaces
 UNITS = {  # what one of the unit is in SI
     **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180},
     **{"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30},
     **{"mph": 0.44704, "m/s^2": 1.0, "rad/s^2": 1.0, "deg/s^2": np.pi / 180, "Nm": 1.0, "mNm": 1e-3},
 }
 
+DATE = re.compile(r"\d[-/:.]\d+[-/:]")  # what only a date or a time of day has
 KINDS = {"t": "s ms us ns", "x": "m cm mm", "y": "m cm mm", "heading": "rad deg", "steering_angle": "rad deg"}
 KINDS |= dict.fromkeys(("left", "right"), "m cm mm")  # of a corridor
 KINDS |= dict.fromkeys(("lat", "lon"), "deg rad") | {"yaw_rate": "rad/s deg/s rpm"}
@@ -57,6 +58,17 @@ class Column(NamedTuple):
     def parts(self) -> tuple[str, ...]:
         """The columns that are read for it; none of one that is not to be read."""
         return self.quaternion or ((self.column,) if self.column else ())
+
+    def values(self, table: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Its numbers (N,) in SI units, of a table with its parts.
+
+        Raises:
+            ValueError: they are no quaternions.
+        """
+        if self.quaternion:
+            return self.factor * of_quaternions(np.column_stack([table[part] for part in self.quaternion]))
+        with np.errstate(over="ignore"):  # of an absurd factor, which is refused later
+            return table[self.column] * UNITS.get(self.unit, 1.0) * self.factor
 
     @property
     def words(self) -> str:
@@ -119,6 +131,42 @@ def read(
     return table
 
 
+def numbers(file: str | Path) -> tuple[dict[str, np.ndarray], int]:
+    """All columns of numbers or dates that have a name of their own, and how many rows are damaged.
+
+    A damaged row has another number of cells than the header, or a word among its numbers; it is left out. An empty
+    cell reads as NaN.
+
+    Raises:
+        ValueError: the file cannot be read or has no row.
+    """
+    (_, header), *rows = _rows(file, ())
+    header = [name.strip() for name in header]
+    whole = [(line, cells) for line, cells in rows if len(cells) == len(header)]
+    if not whole:
+        raise ValueError(f"{file} has no row below its header with as many cells")
+    table: dict[str, np.ndarray] = {}
+    for at, name in enumerate(header):
+        first = next((cells[at] for _, cells in whole if cells[at].strip()), "")
+        if not name or header.count(name) > 1 or not (is_number(first) or DATE.search(first)):
+            continue
+        table[name] = np.array([_lenient(cells[at]) for _, cells in whole])
+    wrong = np.zeros(len(whole), bool)
+    for at, name in ((header.index(name), name) for name in table):
+        empty = np.array([not cells[at].strip() for _, cells in whole])
+        wrong |= np.isnan(table[name]) & ~empty
+    return {name: values[~wrong] for name, values in table.items()}, len(rows) - len(whole) + int(wrong.sum())
+
+
+def _lenient(cell: str) -> float:
+    """The number or instant in a cell; NaN of any other."""
+    try:
+        value = real(cell)
+    except ValueError:
+        value = _instant(cell.strip()) if DATE.search(cell) else None
+    return value if value is not None and abs(value) < LARGEST else np.nan
+
+
 def _within_a_second(file: str | Path, rows: list[tuple[int, list[str]]], name: str, values: np.ndarray) -> np.ndarray:
     """Nanoseconds, refused where they are none that follow whole seconds."""
     wrong = (values < 0) | (values >= 1e9)
@@ -135,21 +183,26 @@ def _stamps(file: str | Path, rows: list[tuple[int, list[str]]], at: int) -> np.
         ValueError: dates or times of day alone, or of another spelling than ISO 8601.
     """
     name, first = rows[0][1][at].strip(), rows[1][1][at].strip()
-    if not re.search(r"\d[-/:.]\d+[-/:]", first):
+    if not DATE.search(first):
         return None
     rule = "seconds, or a date with a time of day as in 2025-11-28T09:30:00.25Z"
     rule += "; where they stand in two columns, make one of them"
     instants = []
     for line, cells in rows[1:]:
         text = cells[at].strip()
-        try:
-            whole = datetime.datetime.fromisoformat(text) if len(text) > 10 else None
-        except ValueError:
-            whole = None
-        if whole is None:
+        if (instant := _instant(text)) is None:
             raise ValueError(f"{file}, row {line}, column {name}: {text!r} must be {rule}")
-        instants.append((whole if whole.tzinfo else whole.replace(tzinfo=datetime.UTC)).timestamp())
+        instants.append(instant)
     return np.array(instants)
+
+
+def _instant(text: str) -> float | None:
+    """Seconds since 1970 of a date with a time of day; None of other words."""
+    try:
+        whole = datetime.datetime.fromisoformat(text) if len(text) > 10 else None
+    except ValueError:
+        whole = None
+    return whole and (whole if whole.tzinfo else whole.replace(tzinfo=datetime.UTC)).timestamp()
 
 
 def names(file: str | Path, columns: Sequence[str] = ()) -> list[str]:
@@ -193,57 +246,12 @@ def _rows(file: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]
     if "\0" in text:
         raise ValueError(f"{file} is no text file")
     try:
-        rows = _split(text)
-    except csv.Error as error:
+        rows = csv_text.split(text)
+    except (csv.Error, ValueError) as error:
         raise ValueError(f"{file}: {error}") from error
     if not rows:
         raise ValueError(f"{file} is empty; its first row must name the columns {', '.join(columns)}")
     return rows
-
-
-def _split(text: str) -> list[tuple[int, list[str]]]:
-    """The header and the rows below it, each with its line number and its cells; none of a file without any."""
-    lines, comments = [], []  # with their numbers; the comments are those before the first row
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith(COMMENTS):
-            comments += [] if lines else [(number, line.lstrip().lstrip("#/%"))]
-        elif line.strip(SEPARATORS + " "):
-            lines.append((number, line))
-    rows = _cells(lines)
-    if not rows or sum(map(_word, rows[0][1])) > sum(map(_number, rows[0][1])):  # a row may have words too: on, off
-        return rows
-    named = [cells for comment in comments for cells in _cells([comment]) if any(map(_word, cells[1]))]
-    fitting = [cells for cells in named if len(cells[1]) == len(rows[0][1])] or named
-    return (fitting[-1:] or [(0, numbered(len(rows[0][1])))]) + rows
-
-
-def numbered(count: int) -> list[str]:
-    """The names of columns that have none: 1, 2, 3."""
-    return [str(k) for k in range(1, count + 1)]
-
-
-def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
-    """What stands between the separators that the first of the lines has; quotes keep one that belongs to a cell."""
-    if not lines:
-        return []
-    mark = max(SEPARATORS, key=lines[0][1].count)
-    spaces = mark not in lines[0][1]
-    texts = [line.strip() if spaces else line for _, line in lines]
-    reader = csv.reader(texts, delimiter=" " if spaces else mark, skipinitialspace=spaces)
-    return [(lines[reader.line_num - 1][0], row) for row in reader if any(cell.strip() for cell in row)]
-
-
-def _word(cell: str) -> bool:
-    """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf."""
-    start = cell.strip().lstrip("_")[:1]
-    return start.isalpha() and cell.strip().lower() not in ("nan", "inf", "infinity")
-
-
-def _number(cell: str) -> bool:
-    try:
-        return np.isfinite(real(cell))
-    except ValueError:
-        return False
 
 
 def _cell(file: str | Path, line: int, name: str, text: str, blank: bool) -> float:

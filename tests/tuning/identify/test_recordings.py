@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import commands
+import recorded
 
 pytestmark = pytest.mark.slow
 
-START = 1_700_000_000_000_000_000  # ns
 TRACK, DELAY, LAG, EDGE, MOST = 0.5, 0.08, 0.15, 0.05, 0.9  # m, s, s, m/s, m/s^2
-JITTER = 0.012  # s
 
 
 def drive(seconds=80.0, dt=0.001):
@@ -35,32 +34,6 @@ def drive(seconds=80.0, dt=0.001):
     return told, measured
 
 
-def recorded(folder, storage, told, measured):
-    """Odometry at 50 Hz stamped when it was true, Twist at 20 Hz without a stamp; both come late by up to 12 ms."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store, random = get_typestore(Stores.ROS2_HUMBLE), np.random.default_rng(2)
-    t = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
-    twist = lambda v, w: t["Twist"](t["Vector3"](v, 0.0, 0.0), t["Vector3"](0.0, 0.0, w))  # noqa: E731
-    sent = []
-    for k, (x, y, turned, v, w) in enumerate(measured):
-        stamp = START + 20_000_000 * k
-        header = t["Header"](t["Time"](stamp // 10**9, stamp % 10**9), "odom")
-        place = t["Pose"](t["Point"](x, y, 0.0), t["Quaternion"](0.0, 0.0, np.sin(turned / 2), np.cos(turned / 2)))
-        parts = t["PoseWithCovariance"](place, np.zeros(36)), t["TwistWithCovariance"](twist(v, w), np.zeros(36))
-        sent.append((stamp, "/odom", t["Odometry"](header, "base_link", *parts)))
-    for i in range(0, len(told), 50):
-        if not 40_000 <= i < 41_000:  # a second is lost
-            sent.append((START + 1_000_000 * i, "/cmd_vel", twist(*told[i])))
-    come = sorted(((at + int(random.uniform(0, JITTER * 1e9)), topic, m) for at, topic, m in sent), key=lambda x: x[0])
-    with Writer(folder, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-        kinds = {"/odom": "nav_msgs/msg/Odometry", "/cmd_vel": "geometry_msgs/msg/Twist"}
-        topics = {name: writer.add_connection(name, kind, typestore=store) for name, kind in kinds.items()}
-        for at, topic, message in come:
-            writer.write(topics[topic], at, store.serialize_cdr(message, topics[topic].msgtype))
-
-
 def identified(log, out):
     small = ["identify.drives=0", "identify.bootstrap=200", "identify.starts=1"]
     line = commands.arguments("identify", out, small, "--config", "base", "--fit", "deadzone,delay,vehicle", log)
@@ -77,10 +50,10 @@ def test_a_bag_of_either_storage_gives_what_the_csv_of_the_drive_gives(tmp_path)
     plain = identified(tmp_path / "drive.csv", tmp_path / "plain")
     found = {}
     for storage in ("SQLITE3", "MCAP"):
-        recorded(tmp_path / storage, storage, told, measured)
+        recorded.write(tmp_path / storage, storage, told, measured)
         found[storage] = identified(tmp_path / storage, tmp_path / f"of-{storage}")
     assert found["SQLITE3"]["parameters"] == found["MCAP"]["parameters"]  # the same numbers are in both
-    mean = JITTER / 2  # a command without a stamp is known by its arrival, later on average by as much
+    mean = recorded.JITTER / 2  # a command without a stamp is known by its arrival, later on average by as much
     for name, one in found["MCAP"]["parameters"].items():
         other = plain["parameters"][name]
         wide = np.hypot(*((e["high"] - e["low"]) / 2 for e in (one, other)))

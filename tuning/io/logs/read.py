@@ -7,6 +7,7 @@ import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
+from . import tables
 from .recording import Recording
 
 READERS = {  # by the end of a name: what reads it, and the libraries that this needs
@@ -21,6 +22,7 @@ READERS = {  # by the end of a name: what reads it, and the libraries that this 
 }
 FORMATS = b"FMT,"
 FOLDER = ("ros", ("rosbags", "mcap"))  # of a bag of ROS 2
+TABLES = ("tables", ())  # a folder of text tables
 
 
 def is_recording(file: str) -> bool:
@@ -39,7 +41,7 @@ def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recordi
     """The streams of a recording.
 
     Args:
-        file: its name; the folder of a bag of ROS 2.
+        file: its name; the folder of a bag of ROS 2, or of text tables.
         tick: told how many messages were read so far.
 
     Raises:
@@ -48,7 +50,7 @@ def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recordi
     path = Path(file)
     if not path.exists():
         raise ValueError(f"{file} is not there")
-    module, libraries = FOLDER if path.is_dir() else READERS[path.suffix.lower()]
+    module, libraries = _folder(path) if path.is_dir() else READERS[path.suffix.lower()]
     if missing := [name for name in libraries if importlib.util.find_spec(name) is None]:
         raise ValueError(f"{', '.join(missing)} must be installed to read {path.name}: pip install 'agvjax[logs]'")
     recording: Recording = importlib.import_module(f".{module}", __package__).read(path, tick)
@@ -56,3 +58,9 @@ def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recordi
         kinds = ", ".join(sorted({kind for kind, _ in recording.unread.values()})) or "nothing"
         raise ValueError(f"no stream of it can be used: it holds {kinds}")
     return recording
+
+
+def _folder(path: Path) -> tuple[str, tuple[str, ...]]:
+    """What reads a folder: of text tables, unless there is the file of a bag in it."""
+    bag = any(part.suffix in (".mcap", ".db3") for part in path.iterdir())
+    return TABLES if not bag and tables.files(path) else FOLDER

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 GAP = 3.0  # usual periods: what is longer is a gap
+MOST = 0.9  # share of the periods that are usual: of a sender that jitters, its long ones too
 Part = Any  # a message, or part of one: of a class that a library makes by the definitions of the file
 Sent = tuple[str, str, int, Callable[[], Part]]  # topic, type, arrival [ns], and the message when it is asked for
 CLOCKS = 1.0  # s between the stamps of a message and of its arrival, beyond which they are of two clocks
@@ -39,8 +40,13 @@ class Stream(NamedTuple):
         if not periods.size:
             return math.nan, 0, math.nan
         usual = float(np.median(periods))
-        gaps = periods > max(GAP * usual, 1e-9)
+        gaps = periods > longest(periods)
         return usual, int(gaps.sum()), float(np.std(periods[~gaps])) if (~gaps).any() else math.nan
+
+
+def longest(periods: np.ndarray) -> float:
+    """The longest of some periods that is no gap [s]; infinite where there are none."""
+    return max(GAP * float(np.quantile(periods, MOST)), 1e-9) if periods.size else np.inf
 
 
 class Recording(NamedTuple):

@@ -11,6 +11,7 @@ from ..headings import of_quaternions
 from .recording import Recording, Stream
 
 ROLE_NAMES = ("pose", "command", "speed", "yaw_rate", "steering")
+STEERED = ("speed_cmd", "steering_angle_cmd")
 Values = dict[str, np.ndarray]  # by our names, (N,), SI units
 
 
@@ -48,7 +49,7 @@ def _moving(prefix: str) -> Role:
 
 def _ackermann(prefix: str = "") -> Role:
     fields = {"speed_cmd": f"{prefix}speed", "steering_angle_cmd": f"{prefix}steering_angle"}
-    return Role("command", ("speed_cmd", "steering_angle_cmd"), _picked(**fields), held=True)
+    return Role("command", STEERED, _picked(**fields), held=True)
 
 
 def _ned(given: Mapping[str, np.ndarray]) -> Values:
@@ -57,6 +58,7 @@ def _ned(given: Mapping[str, np.ndarray]) -> Values:
     return values | {"vx": given["vy"], "vy": given["vx"]}
 
 
+TABLE = "table"  # a stream of columns of names of their own, our names among them
 ROLES: dict[str, tuple[Role, ...]] = {
     "geometry_msgs/msg/Twist": (_twist(""),),
     "geometry_msgs/msg/TwistStamped": (_twist("twist."),),
@@ -71,7 +73,7 @@ ROLES: dict[str, tuple[Role, ...]] = {
     "autoware_control_msgs/msg/Control": (
         Role(
             "command",
-            ("speed_cmd", "steering_angle_cmd"),
+            STEERED,
             _picked(speed_cmd="longitudinal.velocity", steering_angle_cmd="lateral.steering_tire_angle"),
             held=True,
         ),
@@ -82,8 +84,33 @@ ROLES: dict[str, tuple[Role, ...]] = {
     "autoware_vehicle_msgs/msg/SteeringReport": (
         Role("steering", ("steering_angle",), _picked(steering_angle="steering_tire_angle")),
     ),
+    TABLE: (
+        Role("pose", ("x", "y", "heading"), _picked(x="x", y="y", heading="heading")),
+        Role("speed", ("speed", "yaw_rate"), _picked(speed="speed", yaw_rate="yaw_rate")),
+        Role("command", ("cmd_v", "cmd_w"), _picked(cmd_v="cmd_v", cmd_w="cmd_w"), held=True),
+        Role("command", STEERED, _picked(**dict(zip(STEERED, STEERED, strict=True))), held=True),
+    ),
     "vehicle_local_position": (Role("pose", ("x", "y", "heading", "vx", "vy"), _ned),),
 }
+
+
+def kind_of(fields: Mapping[str, np.ndarray]) -> str:
+    """The type of the messages that tell most of those whose fields are called so; empty where none is.
+
+    Names without a dot could mean anything, and are passed over.
+    """
+    dotted = {name: values[:0] for name, values in fields.items() if "." in name}
+    told = {kind: _told(dotted, roles) for kind, roles in ROLES.items()}
+    best = max(told, key=lambda kind: told[kind])
+    return best if told[best] else ""
+
+
+def _told(fields: Mapping[str, np.ndarray], roles: Collection[Role]) -> int:
+    """How many numbers some roles tell of fields; none where one of them lacks a field."""
+    try:
+        return sum(len(role.values(fields)) for role in roles)
+    except KeyError:
+        return 0
 
 
 def roles_of(stream: Stream) -> list[Role]:

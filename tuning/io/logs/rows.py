@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ..csv_file import Column
 from ..headings import unwrapped
-from .recording import CLOCKS, GAP, Recording, Stream
-from .roles import Role
+from .recording import CLOCKS, Recording, Stream, longest
+from .roles import Role, Values
 
 SHORTEST, MOST_ROWS = 0.002, 5_000_000  # s, a row's step at least; rows
+NOTHING_NAMED: Mapping[str, Column] = {}
 
 
 class Rows(NamedTuple):
     """A drive in N rows."""
 
-    columns: dict[str, np.ndarray]  # by our names (N,), "t" [s], and TOPIC.FIELD; NaN where nothing was measured
+    columns: dict[str, np.ndarray]  # by our names (N,), "t" [s]; NaN where nothing was measured
     stamps: str  # whose times: "header" or "arrival"
     notes: tuple[str, ...]  # what was done, a sentence each
 
@@ -52,8 +54,8 @@ def stamps_of(streams: Sequence[Stream], asked: str = "auto") -> tuple[str, str]
 def table(
     recording: Recording,
     found: Mapping[str, tuple[Stream, Role]],
-    measured: Iterable[str] = (),
-    commands: Iterable[str] = (),
+    named: Mapping[str, Column] = NOTHING_NAMED,
+    commands: Collection[str] = (),
     asked: str = "auto",
 ) -> Rows:
     """The chosen streams in rows.
@@ -65,18 +67,16 @@ def table(
     Args:
         recording: all streams.
         found: the stream and role of each role.
-        measured: numbers besides, as TOPIC.FIELD; names of no number are passed over.
-        commands: the same of what holds.
+        named: by our name where it stands besides, its columns as TOPIC.FIELD of one topic.
+        commands: those of our names that hold.
         asked: "header" or "arrival"; "auto" where the streams decide.
 
     Raises:
-        ValueError: nothing is chosen, the streams do not overlap, or are too long for rows this short.
+        ValueError: nothing is chosen, or what is named is not there, the streams do not overlap, or are too long for
+            rows this short.
     """
-    fields = {f"{stream.topic}.{field}": (stream, field) for stream in recording.streams for field in stream.fields}
-    sources = [(stream, role.values(stream.fields), role.held) for stream, role in found.values()]
-    for names, held in ((measured, False), (commands, True)):
-        picked = [(name, *fields[name]) for name in names if name in fields]
-        sources += [(stream, {name: stream.fields[field]}, held) for name, stream, field in picked]
+    sources = [(*_found(recording, place, name), name in commands) for name, place in named.items()]
+    sources += [(stream, role.values(stream.fields), role.held) for stream, role in found.values()]
     streams = list({stream.topic: stream for stream, _, _ in sources}.values())
     if not streams:
         raise ValueError("no topic of it is of a type that serves by itself; name its numbers as TOPIC.FIELD")
@@ -88,6 +88,22 @@ def table(
         columns |= {name: column for name, column in laid.items() if name not in columns}
     gaps = {stream.topic: stream.regularity(stamps)[1] for stream in streams}
     return Rows(columns, stamps, (note, *(f"{topic}: {count} gaps" for topic, count in gaps.items() if count)))
+
+
+def _found(recording: Recording, place: Column, name: str) -> tuple[Stream, Values]:
+    """The stream that has all columns of a quantity, and its numbers in SI units.
+
+    Raises:
+        ValueError: none has; it says which one has not.
+    """
+    for stream in recording.streams:
+        table = {f"{stream.topic}.{field}": values for field, values in stream.fields.items()}
+        if all(part in table for part in place.parts):
+            return stream, {name: place.values(table)}
+    known = {f"{stream.topic}.{field}" for stream in recording.streams for field in stream.fields}
+    if lacks := [part for part in place.parts if part not in known]:
+        raise ValueError(f"it has no {', '.join(lacks)}; any of its numbers may be named, as TOPIC.FIELD")
+    raise ValueError(f"{place.words} must be of one topic, to be of one instant")
 
 
 def _clock(streams: Sequence[Stream], stamps: str) -> tuple[np.ndarray, int, float]:
@@ -117,7 +133,7 @@ def _laid(
     first, after = np.clip(before, 0, None), np.clip(before + 1, None, len(own) - 1)
     laid = {}
     if held:
-        fresh = there & (t - own[first] <= max(GAP * usual, step))
+        fresh = there & (t - own[first] <= max(longest(np.diff(own)), step))
         for name, value in values.items():
             laid[name] = np.where(fresh, value[order][first], np.nan)
         return laid

@@ -83,7 +83,8 @@ def test_a_bag_of_ros_2_is_read_as_it_was_written(tmp_path, store, storage):
     assert {name: stream.topic for name, (stream, _) in found.items()} == {
         "pose": "/odom", "speed": "/odom", "command": "/cmd_vel",
     }  # fmt: skip
-    rows = table(recording, found, ["/odom.twist.twist.linear.x"], ["/cmd_vel.linear.x"])
+    named = {"vx": Column("/odom.twist.twist.linear.x"), "told": Column("/cmd_vel.linear.x", "km/h", -1.0)}
+    rows = table(recording, found, named, ["told"])
     # by stamps of the sender: a row every 20 ms, the first when both are there, 5 ms after the first pose
     t = rows.columns["t"] - START * 1e-9
     np.testing.assert_allclose(t, 0.005 + 0.02 * np.arange(t.size), atol=1e-6)
@@ -103,8 +104,8 @@ def test_a_bag_of_ros_2_is_read_as_it_was_written(tmp_path, store, storage):
         and "of arrival for /cmd_vel" in rows.notes[0]
     )
     assert "/cmd_vel: 1 gaps" in rows.notes
-    np.testing.assert_allclose(rows.columns["/odom.twist.twist.linear.x"], 0.5, rtol=1e-12)
-    np.testing.assert_array_equal(rows.columns["/cmd_vel.linear.x"], told)  # named, it holds as well
+    np.testing.assert_allclose(rows.columns["vx"], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(rows.columns["told"], -told / 3.6, rtol=1e-12)  # named, it holds as well
 
 
 def test_a_slow_sensor_fills_few_rows_and_turns_on_past_half_a_turn():
@@ -330,6 +331,7 @@ def test_pictures_in_a_bag_take_no_memory(tmp_path, store, storage):
             writer.write(command, START + 33 * MS * k, message)
     program = f"""
 from pathlib import Path
+from tuning.io.csv_file import Column
 from tuning.io.logs import read
 recording = read({str(tmp_path / "bag")!r})
 print(recording.streams[0].size, recording.unread["/image"][1])
