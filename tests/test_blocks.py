@@ -24,7 +24,7 @@ SMALL = {  # enough to go all the way through
     "simulate": FAST,
     "tune": TUNE,
     "sweep": ["simulate.horizon=20", "sweep.dt=0.01", "sweep.samples=2", "sweep.radius=false"],
-    "margins": ["margins.vehicles=1", "margins.instants=2"],
+    "margins": ["simulate.horizon=8", "margins.vehicles=1", "margins.instants=2"],
     "speed": [*TUNE, "speed.points=2"],
     "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
 }

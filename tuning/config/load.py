@@ -245,7 +245,7 @@ def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Se
     if not (mine and given):
         return
     lists = {n for n in ("speed", "half_width") if isinstance(before.get(n), list) and len(before[n]) != 2}
-    gone = {*sources, "columns", "spacing", "values", *lists}
+    gone = {*sources, "columns", "topic", "spacing", "values", *lists}
     gone |= set(before) - set(KEPT) if anew and not mine & given else set()
     for name in gone:
         before.pop(name, None)

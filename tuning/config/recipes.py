@@ -10,7 +10,7 @@ import numpy as np
 
 import agvjax
 
-from ..io import geo
+from ..io import geo, logs
 from . import routes, tracks
 from .columns import Note, array, columns_of, unsaid, wrong
 from .spellings import Toml, numbers
@@ -76,14 +76,19 @@ def track_of(
     file, spacing = table["file"], table.get("spacing")
     if spacing is not None and not (numbers(spacing) is not None and np.ndim(spacing) == 0 and 0 <= spacing < np.inf):
         wrong("spacing", spacing, "a number >= 0 in m")
-    if isinstance(file, str) and geo.is_geo(file):
+    bag, topic = isinstance(file, str) and logs.is_recording(file), table.get("topic", "")
+    if "topic" in table and not (bag and isinstance(topic, str)):
+        wrong("topic", topic, "a topic of a recording" if bag else "absent where the file is no recording")
+    if isinstance(file, str) and (bag or geo.is_geo(file)):
         if "columns" in table:
             wrong("columns", table["columns"], "absent where the file is no CSV file")
+        from ..io.logs import plans  # few tracks are recordings, and every command reads this file
+
         try:
-            columns, words = geo.read(file)
+            columns, words = plans.track(file, topic) if bag else geo.read(file)
         except ValueError as error:
             wrong("file", file, f"a track ({error})")
-        note(words)
+        note(f"{file}: {words}" if bag else words)
     else:
         columns = columns_of(table, ("x", "y"), optional, note)
     try:
@@ -98,7 +103,7 @@ def track_of(
 def _route(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Route:
     """Along a shape, or of `file` and its `columns`, or `points`; and how to lay it, see `routes.laid`."""
     if "along" in table:
-        for name in ("file", "points", "columns", "spacing"):
+        for name in ("file", "points", "columns", "topic", "spacing"):
             if name in table:
                 wrong(name, table[name], "absent where the route is along a shape")
         return routes.laid(table, None, None)
@@ -138,7 +143,9 @@ WIDER = "scenario.path.spacing takes points farther apart, and a route with tole
 CHANNELS = ("x", "y", "heading")  # of a disturbance; a column that is not there is 0
 FILE = {
     "file": "name of a CSV file with columns x and y [m], or lat and lon [deg], and perhaps speed [m/s] or, of a"
-    " recorded drive, t [s]; of a route left and right [m] too; or of a GPX or GeoJSON file",
+    " recorded drive, t [s]; of a route left and right [m] too; or of a GPX or GeoJSON file; or of a"
+    " recording, for a path that was planned or a drive",
+    "topic": "of a recording, the topic of the plan (Path) or of the pose, where there are several",
     "spacing": "points of the file that are nearer to the one before are left out [m]; without it those of a recorded"
     " drive that a path cannot be laid through: standing still and jitter",
     "columns": "where a quantity stands in the file, where the file has another name or unit for it",
@@ -176,7 +183,7 @@ def _source(table: Mapping[str, Toml], inline: str) -> str:
         wrong(inline, table[inline], "absent where there is a file")
     if "file" not in table and inline not in table:
         wrong("file", "", f"the name of a CSV file, where there are no {inline}")
-    for name in ("columns", "spacing"):
+    for name in ("columns", "topic", "spacing"):
         if "file" not in table and name in table:
             wrong(name, table[name], "absent where there is no file")
     return "file" if "file" in table else inline

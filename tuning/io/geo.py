@@ -71,18 +71,23 @@ def _library(name: str) -> Part:
 
 
 def _gpx(file: str, text: str) -> Track:
-    """A track, a route or waypoints; of several the one that alone has points."""
+    """A track, its segments joined, a route or waypoints; of several the one that alone has points."""
     library = _library("gpxpy")
     try:
         whole = library.parse(text)
     except Exception as error:  # gpxpy hands on what its parser of XML raises, which may be lxml's
         raise ValueError(f"{file} is no GPX file: {error}") from error
-    lines = [segment.points for track in whole.tracks for segment in track.segments]
+    parts = [[segment.points for segment in track.segments if segment.points] for track in whole.tracks]
+    lines = [[point for part in some for point in part] for some in parts]
     lines = lines or [route.points for route in whole.routes] or [whole.waypoints]
-    points = _only(file, [line for line in lines if line], "segments of tracks, or routes,")
+    points = _only(file, [line for line in lines if line], "tracks, or routes,")
     lat, lon = (np.array([getattr(point, name) for point in points], float) for name in ("latitude", "longitude"))
     x, y, words = plane(file, lat, lon)
     columns, times = {"x": x, "y": y}, [point.time for point in points]
+    ends = np.cumsum([len(part) for some in parts for part in some])[:-1]  # where a next segment begins
+    if ends.size:
+        gaps = ", ".join(f"{np.hypot(x[k] - x[k - 1], y[k] - y[k - 1]):.3g}" for k in ends)
+        words += f"; {len(ends) + 1} segments joined across gaps of {gaps} m"
     if all(times):
         columns["t"] = np.array([(time - times[0]).total_seconds() for time in times])
         if np.any(np.diff(columns["t"]) <= 0):

@@ -70,11 +70,20 @@ def test_a_gpx_track_has_its_times(tmp_path):
     assert "t" not in still and "do not increase" in words
 
 
+def test_segments_of_a_track_are_joined_and_their_gaps_said(tmp_path):
+    more = GPX[GPX.index("<trkseg>") : GPX.index("{}")].replace('lon="11.0', 'lon="11.01').replace("T10:00", "T10:01")
+    columns, words = geo.read(written(tmp_path, "a.gpx", GPX.format(more)))
+    assert columns["t"].tolist() == [0, 10, 25, 60, 70, 85]
+    _, round_ = radii(np.radians(48.0))
+    gap = np.hypot(np.radians(8e-3) * round_, 111.2)  # from longitude 11.002, latitude 48.001, to 11.01, 48
+    assert f"2 segments joined across gaps of {gap:.3g} m" in words
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
         ("a.gpx", "<gpx><trk>", "is no GPX file"),
-        ("a.gpx", GPX.format(GPX[GPX.index("<trkseg>") : GPX.index("{}")]), "it has 2 segments"),
+        ("a.gpx", GPX.format("</trk>" + GPX[GPX.index("<trk>") : GPX.index("{}")]), "it has 2 tracks"),
         ("a.gpx", GPX[: GPX.index("<trk>")] + "</gpx>", "a single point, or none"),
         ("a.geojson", "{", "is no GeoJSON file"),
         ("a.json", "[1, 2]", "a single point, or none"),

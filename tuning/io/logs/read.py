@@ -48,19 +48,30 @@ def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recordi
         ValueError: it cannot be read; it says why, or what has to be installed.
     """
     path = Path(file)
-    if not path.exists():
-        raise ValueError(f"{file} is not there")
-    module, libraries = _folder(path) if path.is_dir() else READERS[path.suffix.lower()]
-    if missing := [name for name in libraries if importlib.util.find_spec(name) is None]:
-        raise ValueError(f"{', '.join(missing)} must be installed to read {path.name}: pip install 'agvjax[logs]'")
-    recording: Recording = importlib.import_module(f".{module}", __package__).read(path, tick)
+    recording: Recording = importlib.import_module(f".{_reader(path)}", __package__).read(path, tick)
     if not any(stream.size for stream in recording.streams):
         kinds = ", ".join(sorted({kind for kind, _ in recording.unread.values()})) or "nothing"
         raise ValueError(f"no stream of it can be used: it holds {kinds}")
     return recording
 
 
-def _folder(path: Path) -> tuple[str, tuple[str, ...]]:
-    """What reads a folder: of text tables, unless there is the file of a bag in it."""
-    bag = any(part.suffix in (".mcap", ".db3") for part in path.iterdir())
-    return TABLES if not bag and tables.files(path) else FOLDER
+def of_bag(file: str) -> bool:
+    """Whether a recording is of ROS; raises as `read` where nothing can read it."""
+    return _reader(Path(file)) == "ros"
+
+
+def _reader(path: Path) -> str:
+    """The module that reads a recording; a folder is one of text tables, unless there is the file of a bag in it.
+
+    Raises:
+        ValueError: it is not there, or a library is not.
+    """
+    if not path.exists():
+        raise ValueError(f"{path} is not there")
+    module, libraries = READERS.get(path.suffix.lower(), FOLDER)
+    if path.is_dir():
+        bag = any(part.suffix in (".mcap", ".db3") for part in path.iterdir())
+        module, libraries = TABLES if not bag and tables.files(path) else FOLDER
+    if missing := [name for name in libraries if importlib.util.find_spec(name) is None]:
+        raise ValueError(f"{', '.join(missing)} must be installed to read {path.name}: pip install 'agvjax[logs]'")
+    return module

@@ -36,11 +36,15 @@ def read(path: Path, tick: Callable[[int], None]) -> Recording:
         ValueError: it is no such bag.
     """
     lost: list[str] = []
+    return _gathered(path, messages(path, lost), lost, tick)
+
+
+def messages(path: Path, lost: list[str]) -> Iterator[Sent]:
+    """The messages of a bag, one by one; `lost` is told what is missing. Raises as `read` does."""
     parts = sorted(p for p in path.iterdir() if p.suffix in (".mcap", ".db3")) if path.is_dir() else [path]
     if not parts:
         raise ValueError("a folder without a .mcap or .db3 file in it")
-    messages = itertools.chain(*(_messages(part, lost) for part in parts))
-    return _gathered(path, messages, lost, tick)
+    return itertools.chain(*(_messages(part, lost) for part in parts))
 
 
 def _messages(path: Path, lost: list[str]) -> Iterator[Sent]:
@@ -71,13 +75,13 @@ def _messages(path: Path, lost: list[str]) -> Iterator[Sent]:
         lost.append(f"{words}; {count} messages before that were read")
 
 
-def _gathered(path: Path, messages: Iterator[Sent], lost: list[str], tick: Callable[[int], None]) -> Recording:
+def _gathered(path: Path, sent: Iterator[Sent], lost: list[str], tick: Callable[[int], None]) -> Recording:
     """The streams of messages."""
     known: dict[str, Gathered] = {}
     unread: dict[str, tuple[str, int]] = {}
     damaged: dict[str, int] = {}
     count = 0
-    for count, (topic, kind, arrival, message) in enumerate(messages, 1):
+    for count, (topic, kind, arrival, message) in enumerate(sent, 1):
         if count % 4096 == 0:
             tick(count)
         if kind not in KINDS:
