@@ -15,6 +15,7 @@ import agvjax
 from agvjax import Fault
 from agvjax.plants.base import Driven
 
+from ..io import geo
 from ..io import logs as recordings
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
 from ..io.headings import unwrapped
@@ -23,6 +24,7 @@ from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
 from .plausible import AS_QUATERNION, implausible
 
+ON_EARTH = ("lat", "lon")  # [deg], in place of x and y
 TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
 NONE = Column("")
 NOT_NAMED: Mapping[str, str] = {}
@@ -52,30 +54,33 @@ def load(
         agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
     """
     commands, tongues = commands_of(plant), tongues_of(plant)
-    names = ("t", *MEASURED, *dict.fromkeys(itertools.chain(*tongues)))
+    names = ("t", *MEASURED, *ON_EARTH, *dict.fromkeys(itertools.chain(*tongues)))
+    pose = (*(ON_EARTH if any(name in columns for name in ON_EARTH) else POSE[:2]), POSE[2])
     named = [tongue for tongue in tongues if any(columns.get(name, NONE).parts for name in tongue)]
     tongue = named[0] if named else tongues[0] if len(tongues) == 1 else None  # None: the file decides
-    needed = ("t", *POSE, *(tongue or ()))
+    needed = ("t", *pose, *(tongue or ()))
     if faults := _misnamed(columns, names, needed, kinds(plant)):
         raise agvjax.InputError(faults)
-    where = _places(columns, names)
-    asked = [name for name in columns if name in MEASURED and name in where]  # so it must be there
+    where = _places(columns, [name for name in names if name in pose or name not in (*POSE[:2], *ON_EARTH)])
+    asked = [name for name in columns if name in (*MEASURED, *ON_EARTH) and name in where]  # so it must be there
     must, may = ([part for name in ns for part in where[name].parts] for ns in ((*needed, *asked), where))
-    blank = [part for name in MEASURED if name in where for part in where[name].parts]  # cells may be
+    blank = [part for name in (*MEASURED, *ON_EARTH) if name in where for part in where[name].parts]  # cells may be
     must, time = list(dict.fromkeys(must)), where["t"]
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
             values = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps)
             tongue = tongue or _tongue(tongues, values)
-            values = _told(values, (*POSE, *asked), tongue)
+            values = _told(values, (*pose, *asked), tongue)
         else:
             table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
             values = {name: place.values(table) for name, place in where.items() if {*place.parts} <= table.keys()}
             tongue = tongue or _tongue(tongues, values)
+        if "lat" in pose:
+            values |= _in_plane(file, values["lat"], values["lon"])
     except ValueError as error:
         kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
-        rule = f"a log: a CSV file or a recording with t, {', '.join(POSE)} and {kinds_of}, or others named in"
+        rule = f"a log: a CSV file or a recording with t, {', '.join(pose)} and {kinds_of}, or others named in"
         rule += " [identify.columns]"
         raise agvjax.InputError([Fault("LOG.csv", str(file), f"{rule} ({error})")]) from error
     if faults := _too_large(values, where):
@@ -100,6 +105,7 @@ def _recorded(
     """
     recording = recordings.read(file)
     named = {name: place for name, place in columns.items() if place.parts}
+    named |= {name: _in_degrees(named[name]) for name in ON_EARTH if name in named}
     if "t" in named:
         raise ValueError(f"t = {named['t'].words} must be left out: a recording has the times of its messages")
     found = chosen(recording, topics, list(named))
@@ -137,9 +143,19 @@ def kinds(plant: agvjax.Plant) -> dict[str, list[str]]:
     units = {c: plant.units.get(c.removesuffix("_x").removesuffix("_y"), "") for c in commands_of(plant)}
     commands = dict(zip(in_files(list(units)), units.values(), strict=True))
     twist = dict(zip(TWIST, ("m/s", "rad/s"), strict=True))
-    return {name: KINDS[name].split() for name in ("t", *MEASURED)} | {
+    return {name: KINDS[name].split() for name in ("t", *MEASURED, *ON_EARTH)} | {
         name: units_like(unit) for name, unit in (commands | twist).items()
     }
+
+
+def _in_plane(file: str, lat: np.ndarray, lon: np.ndarray) -> dict[str, np.ndarray]:
+    """Positions x and y (N,) [m] of latitudes and longitudes [rad], NaN where one is; raises as `geo.plane`."""
+    seen = np.isfinite(lat) & np.isfinite(lon)
+    if not seen.any():
+        raise ValueError("it has no latitude and longitude in one row")
+    x, y = np.full_like(lat, np.nan), np.full_like(lat, np.nan)
+    x[seen], y[seen], _ = geo.plane(file, np.degrees(lat[seen]), np.degrees(lon[seen]))
+    return {"x": x, "y": y}
 
 
 def _tongue(tongues: Sequence[tuple[str, ...]], values: Mapping[str, np.ndarray]) -> tuple[str, ...]:
@@ -174,7 +190,13 @@ def _places(columns: Mapping[str, Column], names: Sequence[str]) -> dict[str, Co
     """Where each name stands: by its own name unless another has that column; not the ones that are not to be read."""
     taken = {part for place in columns.values() for part in place.parts}
     where = {name: columns.get(name, Column("" if name in taken else name)) for name in names}
+    where |= {name: _in_degrees(where[name]) for name in ON_EARTH if name in where}
     return {name: place for name, place in where.items() if place.parts}
+
+
+def _in_degrees(place: Column) -> Column:
+    """A latitude or longitude, in degrees unless its unit is said."""
+    return place._replace(unit=place.unit or "deg")
 
 
 def _too_large(values: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> list[Fault]:

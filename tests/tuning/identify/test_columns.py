@@ -229,3 +229,23 @@ def test_a_pose_is_moved_ahead_along_its_heading(log_of, refusal):
     np.testing.assert_allclose(log.measured["y"], drive["y"] + 0.3 * np.sin(drive["heading"]), atol=1e-12)
     rate = np.gradient(drive["x"], 0.02), np.gradient(drive["y"], 0.02)
     assert refusal(drive | {"vx": rate[0], "vy": rate[1]}, ahead=0.3).key == "identify.ahead"
+
+
+def test_a_position_is_told_by_latitude_and_longitude(log_of):
+    drive = driven()
+    north, east = 111_194.9, 111_194.9 * np.cos(np.radians(48.0))  # m of a degree on a sphere of 6371 km
+    fix = without(drive, "x", "y", lat=48.0 + drive["y"] / north, lon=11.0 + drive["x"] / east)
+    log = log_of(fix, places={"lat": Column("lat"), "lon": Column("lon")})
+    for name in ("x", "y"):  # the earth is no sphere: within 4 in a thousand, from the first point
+        moved = drive[name] - drive[name][0]
+        np.testing.assert_allclose(log.measured[name], moved, atol=4e-3 * np.abs(moved).max())
+    radians = {name: Column(name, "rad") for name in ("lat", "lon")}
+    also = log_of({**fix, "lat": np.radians(fix["lat"]), "lon": np.radians(fix["lon"])}, places=radians)
+    np.testing.assert_allclose(also.measured["x"], log.measured["x"], atol=1e-6)
+
+
+def test_latitudes_that_are_none_are_refused(refusal):
+    drive = driven()
+    places = {"lat": Column("y"), "lon": Column("x")}
+    assert "must be degrees" in refusal({**drive, "y": drive["y"] + 98.0}, places=places).rule
+    assert "no column lon" in refusal({**drive, "lat": drive["y"]}, places={"lat": Column("lat")}).rule
