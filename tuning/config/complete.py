@@ -37,7 +37,7 @@ def complete(config: Config) -> Config:
     """
     plant, law, leaves = config.scenario.plant, config.controller, agvjax.leaves(config.scenario)
     known, follows = metrics_of(config.scenario), law.follows()
-    usual = default_draws(plant.actuators, config.scenario.start)
+    usual = default_draws(plant.actuators, config.scenario.start, config.scenario.path)
     draws = {name: draw for name, draw in usual.items() if name in leaves}
     axes = ({n: span for n, span in axis.items() if n in leaves} for axis in default_over(plant.actuators[0]))
     ensemble = _filled(config.ensemble, draws=draws)

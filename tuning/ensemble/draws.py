@@ -215,19 +215,22 @@ class Usual(Draw):
 
 
 def default_draws(
-    actuators: Iterable[str] = ("position", "heading"), start: agvjax.Start | None = None
+    actuators: Iterable[str] = ("position", "heading"),
+    start: agvjax.Start | None = None,
+    path: agvjax.Path | None = None,
 ) -> dict[str, Draw]:
     """The default tuning problem: every deadzone number within a half of nominal, disturbance and start drawn too.
 
     The start is drawn about the beginning of the paper's path, where the nominal `start` lies in what is drawn there;
-    a start elsewhere is drawn as far about itself.
+    a start elsewhere, or on a path through points of one's own, is drawn as far about itself.
     """
     parts = ("slope_right", "slope_left", "threshold_right", "threshold_left")
     draws: dict[str, Draw] = {f"deadzone.{c}.{p}": Times(0.5, 1.5) for c in actuators for p in parts}
     there = {"start.position": Between(-0.5, 0.5), "start.heading": Between(-0.5, 1.0)}
     start = agvjax.Start() if start is None or agvjax.faults(start) else start
     nominal = {name: np.asarray(get(start, name.removeprefix("start.")), float) for name in there}
-    inside = all(np.all((x >= there[name].low) & (x <= there[name].high)) for name, x in nominal.items())
+    own = isinstance(path, (agvjax.Waypoints, agvjax.Route))
+    inside = not own and all(np.all((x >= there[name].low) & (x <= there[name].high)) for name, x in nominal.items())
     elsewhere = {"start.position": Plus(-0.5, 0.5), "start.heading": Plus(-0.75, 0.75)}
     return draws | {"disturbance.amplitude": Between(0.0, 0.4)} | (there if inside else elsewhere)
 

@@ -33,7 +33,7 @@ def posterior(config: Config, fit: Fit, verdict: FitVerdict) -> Config:
     scenario = agvjax.replace(_structure(config, fit, known, absent), fixed)
     kept = set(leaves(scenario)) - set(known)
     draws: dict[str, Draw] = {name: draw for name, draw in config.ensemble.draws.items() if name in kept}
-    assumed = default_draws(scenario.plant.actuators, scenario.start)
+    assumed = default_draws(scenario.plant.actuators, scenario.start, scenario.path)
     unknown = [e.name for e in verdict.estimates if not e.identified]
     draws |= {name: assumed[name] for name in unknown if name in assumed and name not in draws}
     low = {q.name: q.low for q in fit.parameters}

@@ -66,6 +66,15 @@ def test_the_default_start_is_drawn_where_the_start_is():
         assert default_draws(start=scenario.start).items() >= draws.items()
     assert default_draws(start=at(0.0, 0.0, 3.0).start).items() >= elsewhere.items()
     assert default_draws().items() >= there.items()
+    own = load([], ["scenario.path={type='waypoints', points=[[0.3, 0.3], [2, 1], [3, 4], [0, 5]], speed=0.5}"])
+    assert {name: own.ensemble.draws[name] for name in elsewhere} == elsewhere  # not about the origin of its map
+
+
+@pytest.mark.parametrize("name", ["base", "ackermann", "forklift"])
+def test_presets_of_bases_draw_the_start_about_the_beginning_of_any_path(name):
+    own = ["scenario.path.points=[[40, 30], [60, 30], [60, 50]]", "scenario.path.speed=0.5"]
+    draws = load([name], own, note=[].append).ensemble.draws
+    assert isinstance(draws[START], Plus) and isinstance(draws["start.heading"], Plus)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
