@@ -20,6 +20,7 @@ import tomli_w
 
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "build" / "drives"
+PLAIN = ("kinematics that obey at once", "a first-order lag")
 LISTED = HERE / "drives.toml"
 
 
@@ -29,11 +30,12 @@ def measure() -> list[dict[str, Any]]:
 
 
 def _row(name: str, drive: dict[str, Any]) -> dict[str, Any]:
-    learned, unseen = (_folder(name, part, drive) for part in ("learned", "unseen"))
+    learned, unseen = (folder(name, part, drive) for part in ("learned", "unseen"))
     config, out = KEPT / f"{name}.toml", KEPT / f"{name}-found"
     config.write_text(tomli_w.dumps({"identify": {"columns": drive["columns"]}}))
     settings = [word for text in drive.get("set", ()) for word in ("--set", text)]
     options = ["--config", drive["config"], "--config", str(config), *settings, "--out", str(out), "--quiet"]
+    options += ["--fit", drive["fit"]] if "fit" in drive else []
     shutil.rmtree(out, ignore_errors=True)
     command = [sys.executable, "-m", "tuning.cli", "identify", str(learned), "--unseen", str(unseen), *options]
     subprocess.run(command, check=False)  # 1: the numbers are not good
@@ -42,36 +44,38 @@ def _row(name: str, drive: dict[str, Any]) -> dict[str, Any]:
 
 def told(found: dict[str, Any]) -> dict[str, Any]:
     """What a table has room for, of estimates.json."""
-    (unseen,) = found["predictions"]
-    rms = {"identified": unseen["rms"], **unseen["plain"]}
+    rms = {name: "" for name in ("identified", *PLAIN)}
+    for unseen in found["predictions"]:  # one, or none where nothing is identified
+        rms = {"identified": unseen["rms"], **unseen["plain"]}
+    count = sum(one["identified"] for one in found["parameters"].values())
     return {
         "verdict": found["conclusion"].split(":")[0],
-        "identified": sum(one["identified"] for one in found["parameters"].values()),
-        **{f"{name}, 5 s ahead [mm]": round(1e3 * value, 1) for name, value in rms.items()},
+        "parameters": f"{count} of {len(found['parameters'])}",
+        **{f"{name}, 5 s ahead [mm]": round(1e3 * value, 1) if value != "" else "" for name, value in rms.items()},
     }
 
 
-def _folder(name: str, part: str, drive: dict[str, Any]) -> Path:
+def folder(name: str, part: str, drive: dict[str, Any]) -> Path:
     """The folder of a part's tables: each fetched where it is not there, and cut to the lines that are asked for."""
-    folder = KEPT / f"{name}-{part}"
-    folder.mkdir(parents=True, exist_ok=True)
+    made = KEPT / f"{name}-{part}"
+    made.mkdir(parents=True, exist_ok=True)
     for topic, source in drive[part].items():
         file = source["file"]
         lines = whole(drive["at"] + file, drive["sha256"][file]).splitlines(keepends=True)
         first, last = source.get("lines", (drive["head"], len(lines)))
-        (folder / f"{topic}{Path(file).suffix}").write_bytes(b"".join([*lines[: drive["head"]], *lines[first:last]]))
-    return folder
+        (made / f"{topic}{Path(file).suffix}").write_bytes(b"".join([*lines[: drive["head"]], *lines[first:last]]))
+    return made
 
 
-def whole(address: str, digest: str, kept: Path = KEPT) -> bytes:
+def whole(address: str, digest: str) -> bytes:
     """A file as it was measured, fetched unless it is there.
 
     Raises:
         ValueError: it is another one.
     """
-    file = kept / digest
+    file = KEPT / digest
     if not file.exists():
-        kept.mkdir(parents=True, exist_ok=True)
+        KEPT.mkdir(parents=True, exist_ok=True)
         with urllib.request.urlopen(address) as answer:
             file.write_bytes(answer.read())
     content = file.read_bytes()
