@@ -153,3 +153,34 @@ def run(vehicle: Vehicle, twists: Sequence[tuple[float, float]], period: float, 
         states[float(end)] = state
     known = np.array(sorted(states))
     return np.array([states[float(known[np.argmin(np.abs(known - t))])] for t in times])
+
+
+def stepped(
+    vehicle: Vehicle,
+    twists: Sequence[tuple[float, float]],
+    period: float,
+    start: Array,
+    step: float = 0.005,
+    then: Vehicle | None = None,
+) -> Array:
+    """States (n, 5) at the beginning of every period, by Runge and Kutta's steps: a hundred times faster than `run`.
+
+    `step` must divide the period and the delays; `then` is what the vehicle is from half of the time on, as late.
+    """
+    each, state = round(period / step), np.r_[start, 0.0, 0.0]
+    late = [round(motor.delay / step) for motor in vehicle.motors]
+    commands = [vehicle.asked(v, w) for v, w in twists]
+    states = np.empty((len(commands), 5))
+    for i in range(each * len(commands)):
+        if i % each == 0:
+            states[i // each] = state
+        now = vehicle if then is None or 2 * i < each * len(commands) else then
+        came = [(i - k) // each if i >= k else None for k in late]
+        u = [0.0 if k is None else commands[k][j] for j, k in enumerate(came)]
+        sent = tuple(motor.delivered(x) for motor, x in zip(now.motors, u, strict=True))
+        a = np.array(now.rate(i * step, state, sent))
+        b = np.array(now.rate((i + 0.5) * step, state + step / 2 * a, sent))
+        c = np.array(now.rate((i + 0.5) * step, state + step / 2 * b, sent))
+        d = np.array(now.rate((i + 1) * step, state + step * c, sent))
+        state = state + step / 6 * (a + 2 * b + 2 * c + d)
+    return states

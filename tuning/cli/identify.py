@@ -13,6 +13,7 @@ from ..identify.fit import ROUNDS
 from ..identify.rules import faults
 from ..identify.task import task
 from ..io import files
+from ..io.logs import is_recording
 from .folders import new_folder
 from .log import topics
 from .prepare import configure
@@ -29,8 +30,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
     if not arguments.logs and not settings.drives:
         raise InputError([Fault("LOG.csv", "none", "given, or identify.drives above 0 for a drive to be suggested")])
-    posed = task(arguments.logs, config) if arguments.logs else None
-    unseen = room.to_predict(arguments.unseen, config, posed) if posed else ()
+    posed, unseen = None, ()
+    if arguments.logs:
+        with console.phases() as phases:
+            bags = any(map(is_recording, (*arguments.logs, *arguments.unseen)))
+            phase = phases.begin("reading", unit="messages" if bags else "rows")
+            posed = task(arguments.logs, config, phase.advance)
+            unseen = room.to_predict(arguments.unseen, config, posed, phase.advance)
     out = new_folder(arguments.out, arguments.command)
     more, good = "", True
     try:

@@ -32,16 +32,13 @@ class Conclusion(NamedTuple):
     text: str  # a sentence, and how well another drive, or the same, is predicted
 
 
-def conclude(
-    logs: Sequence[Log], fit: Fit, verdict: FitVerdict, coloured: Sequence[str], ahead: Sequence[Prediction], own: bool
-) -> Conclusion:
+def conclude(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence[Prediction], own: bool) -> Conclusion:
     """The sentence.
 
     Args:
         logs: that were learned from.
         fit: what was found.
         verdict: how surely.
-        coloured: channels of which more is left than noise.
         ahead: predictions of other drives, or of the logs themselves; none where they are too short.
         own: whether they are of the logs themselves.
     """
@@ -51,8 +48,10 @@ def conclude(
     known, lost = told(verdict.estimates)
     text = "These numbers are good for tuning" if not lost else f"These numbers are good for {_listed(known)}"
     text += f", not for {_listed(lost)}" if lost else ""
-    if coloured:
-        text += f"; their intervals may be too narrow, since the model lacks something in {_listed(coloured)}"
+    if lacks := verdict.left.lacks:
+        text += f"; their intervals may be too narrow, since the model lacks something in {_listed(lacks)}"
+    if change := verdict.left.change:
+        text += f"; from t = {change.t:.0f} s on the machine behaves differently ({change.name} by {change.by:+.2g})"
     return Conclusion(True, f"{text}. {said}")
 
 

@@ -128,7 +128,7 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
         axes[c, 0].plot(t[counted], left, ".", ms=1.5, color="C0")
         axes[c, 0].set(ylim=(-5, 5), ylabel=name)
         axes[c, 0].text(
-            0.01, 0.86, f"1 = {fit.sigma[c]:.2g}, correlation with the next row {verdict.white[name]:.2f}",
+            0.01, 0.86, f"1 = {fit.sigma[c]:.2g}, correlation with the next row {verdict.left.white[name]:.2f}",
             transform=axes[c, 0].transAxes, fontsize="small", bbox={"color": "white", "alpha": 0.8, "pad": 1},
         )  # fmt: skip
         axes[c, 1].hist(left, bins=40, range=(-5, 5), density=True, orientation="horizontal", color="0.7")

@@ -118,8 +118,8 @@ class Search:
             jac=lambda x: self.triangle(whole(x), free)[1],  # pyright: ignore[reportArgumentType]
             bounds=(low, high),
             x_scale=wanted.widths(self.parameters)[free],
-            ftol=1e-9,
-            xtol=1e-9,
+            ftol=1e-7,
+            xtol=1e-7,
             gtol=1e-12,
             max_nfev=most,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -28,6 +28,11 @@ ON_EARTH = ("lat", "lon")  # [deg], in place of x and y
 TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
 NONE = Column("")
 NOT_NAMED: Mapping[str, str] = {}
+Count = Callable[[int], object]  # is told how many more rows or messages were read
+
+
+def uncounted(more: int) -> None:
+    """Nobody watches."""
 
 
 # long: the checks stand in their order
@@ -38,6 +43,7 @@ def load(
     ahead: float = 0.0,
     topics: Mapping[str, str] = NOT_NAMED,
     stamps: str = "auto",
+    count: Count = uncounted,
 ) -> Log:
     """A log for a plant, its columns by their own names unless `columns` says others.
 
@@ -49,6 +55,7 @@ def load(
         ahead: how far ahead of the measured point, along its heading, the reference point is [m].
         topics: of a recording, by role the topic that serves as it, where several could.
         stamps: of a recording, whose times: "header", "arrival", or "auto".
+        count: is told how much was read.
 
     Raises:
         agvjax.InputError: the file or a column cannot be read, or a column cannot be in the unit it is taken for.
@@ -69,11 +76,12 @@ def load(
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
-            values = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps)
+            values = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps, count)
             tongue = tongue or _tongue(tongues, values)
             values = _told(values, (*pose, *asked), tongue)
         else:
             table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
+            count(len(table[time.column]))
             values = {name: place.values(table) for name, place in where.items() if {*place.parts} <= table.keys()}
             tongue = tongue or _tongue(tongues, values)
         if "lat" in pose:
@@ -96,14 +104,25 @@ def load(
 
 
 def _recorded(
-    file: str, columns: Mapping[str, Column], commands: Collection[str], topics: Mapping[str, str], stamps: str
+    file: str,
+    columns: Mapping[str, Column],
+    commands: Collection[str],
+    topics: Mapping[str, str],
+    stamps: str,
+    count: Count,
 ) -> dict[str, np.ndarray]:
     """The columns of a recording by our names, as a topic's type tells them or as they are named, TOPIC.FIELD.
 
     Raises:
         ValueError: it cannot be read.
     """
-    recording = recordings.read(file)
+    before = 0
+
+    def grown(now: int) -> None:
+        nonlocal before
+        before, _ = now, count(now - before)
+
+    recording = recordings.read(file, grown)
     named = {name: place for name, place in columns.items() if place.parts}
     named |= {name: _in_degrees(named[name]) for name in ON_EARTH if name in named}
     if "t" in named:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
@@ -18,11 +20,13 @@ from agvjax.geometry import into_body, wrap
 from agvjax.protocols import Inputs, Plant
 
 from .log import columns_of
+from .parameters import parts_of
 from .segments import Segments
 
 CHUNK = 16  # stretches computed together
 SHARES = (1.0, 0.25, 0.0625)  # of a step of a stretch's state, the longest first
 DAMPED = 0.1  # what a yaw rate must move by with the state to tell it: at a standstill a steering angle tells none
+INSTANT = 1e-7  # s, no time at all
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
@@ -77,7 +81,7 @@ class Model(NamedTuple):
 
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """What would have been measured at the rows of one stretch that begins in state s."""
-        scenario = self.at(p)
+        scenario, late = prompt(self.at(p))
         plant = scenario.plant
         zero = jnp.zeros((), s.dtype)
         blank = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)
@@ -86,30 +90,31 @@ class Model(NamedTuple):
         first = self.split(stretch.inputs[0])
         flows = {name: part.init(first[name]) for name, part in parts.items()}
         memories = {name: part.hold(first[name]) for name, part in parts.items()}
+        begins, lengths, inputs = arrivals(stretch, self.substeps, self.split, late)
 
-        def row(carry: PyTree, now: tuple[Array, Array, Array, Array]) -> tuple[PyTree, Array]:
-            t, step, u, live = now
-            inputs, h = self.split(u), step / self.substeps
+        def row(carry: PyTree, now: tuple[Array, Array, Array, Inputs, Array]) -> tuple[PyTree, Array]:
+            t, first, steps, held, live = now
 
-            def rate(x: PyTree, signal: PyTree) -> tuple[PyTree, Inputs]:
-                (state, flow), (time, memory) = x, signal
-                answers = {n: part.deliver(flow[n], memory[n], inputs[n]) for n, part in parts.items()}
-                delivered = {n: answer[0] for n, answer in answers.items()}
-                moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
-                moved = jax.tree.map(lambda dx: live * dx, moved)
-                return (moved, {n: answer[1] for n, answer in answers.items()}), delivered
+            def step(carry: PyTree, part: tuple[Array, Array, Inputs]) -> tuple[PyTree, Array]:
+                (state, flow, memory), (begin, h, u) = carry, part
 
-            def substep(carry: PyTree, k: Array) -> tuple[PyTree, Array]:
-                state, flow, memory = carry
-                memory = {n: part.jump(flow[n], memory[n], inputs[n], h) for n, part in parts.items()}
-                signals = [(t + (k + node) * h, memory) for node in agvjax.RK4.nodes]
+                def rate(x: PyTree, signal: PyTree) -> tuple[PyTree, Inputs]:
+                    (state, flow), (time, memory) = x, signal
+                    answers = {n: part.deliver(flow[n], memory[n], u[n]) for n, part in parts.items()}
+                    delivered = {n: answer[0] for n, answer in answers.items()}
+                    moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
+                    moved = jax.tree.map(lambda dx: live * dx, moved)
+                    return (moved, {n: answer[1] for n, answer in answers.items()}), delivered
+
+                memory = {n: part.jump(flow[n], memory[n], u[n], h) for n, part in parts.items()}
+                signals = [(t + begin + node * h, memory) for node in agvjax.RK4.nodes]
                 (after, flow), delivered = agvjax.RK4.advance(rate, (state, flow), h, signals)
                 return (after, flow, memory), channels(plant, state, delivered, self.channels)
 
-            carry, seen = jax.lax.scan(substep, carry, jnp.arange(self.substeps).astype(s.dtype))
+            carry, seen = jax.lax.scan(step, carry, (first, steps, held))
             return carry, seen[0]
 
-        rows: Any = (stretch.t, stretch.h, stretch.inputs, stretch.live)
+        rows: Any = (stretch.t, begins, lengths, inputs, stretch.live)
         return jax.lax.scan(row, (unflatten(s), flows, memories), rows)[1]
 
     def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
@@ -117,6 +122,58 @@ class Model(NamedTuple):
         off = stretch.seen - self.predict(p, s, stretch)
         turns = np.array([name == "heading" for name in self.channels])
         return jnp.where(jnp.asarray(turns)[None], wrap(jnp.asarray(off)), off)
+
+
+def prompt(scenario: agvjax.Scenario) -> tuple[agvjax.Scenario, dict[str, Array]]:
+    """The scenario without its delays, and how late [s] the commands of each actuator come.
+
+    What a line of actuators makes of late commands is late: a log's commands are all known, so that no element has to
+    remember them. A delay that jitters stays an element.
+    """
+    chains, late = {}, {}
+    for name, chain in scenario.actuators.items():
+        kept = {}
+        for key, part in parts_of(chain).items():
+            if isinstance(part, agvjax.Delay) and _steady(part):
+                late[name] = late.get(name, 0.0) + jnp.asarray(part.time)
+            else:
+                kept[key] = part
+        chains[name] = agvjax.Chain(**kept)
+    return dataclasses.replace(scenario, actuators=chains), late
+
+
+def _steady(delay: agvjax.Delay) -> bool:
+    """Whether it never jitters."""
+    return not isinstance(delay.jitter, Tracer) and float(delay.jitter) == 0
+
+
+def arrivals(
+    stretch: Segments, substeps: int, split: Callable[[Array], Inputs], late: dict[str, Array]
+) -> tuple[Array, Array, Inputs]:
+    """The parts of every row within which nothing arrives: their begins and lengths (K, n) [s], what has arrived.
+
+    A command that came within a step would have its effect rounded to the step's end, or through a limit of the
+    acceleration to something between: the drive would hardly change with a delay but for leaps. Each comes another
+    INSTANT later than it should, so that none comes together with another one or with the begin of a step: there the
+    slope would be lost.
+    """
+    late = {name: time + (i + 1) * INSTANT for i, (name, time) in enumerate(late.items())}
+    t, h = jax.lax.cummax(jnp.asarray(stretch.t)), jnp.asarray(stretch.h)  # rows that fill up have no time
+    marks = [h[:, None] * jnp.asarray(np.arange(substeps) / substeps, h.dtype)[None]]
+    for time in late.values():
+        after = jnp.searchsorted(t, t - time + INSTANT / 2, side="right")  # the command that comes next
+        there = jnp.where(after < t.size, t[jnp.minimum(after, t.size - 1)] + time - t, h)
+        marks.append(jnp.clip(there, 0.0, h)[:, None])
+    begins = jnp.sort(jnp.concatenate(marks, axis=1), axis=1)
+    lengths = jnp.diff(begins, axis=1, append=h[:, None]) + INSTANT**2  # none is 0: some elements divide by it
+    inputs = {}
+    for name, own in split(jnp.asarray(stretch.inputs).T).items():
+        held = jnp.moveaxis(own, -1, 0)  # (K, ...)
+        came = t[:, None] + begins - late.get(name, 0.0) + INSTANT / 2
+        at = jnp.searchsorted(t, came.ravel(), side="right").reshape(came.shape) - 1
+        before = at.reshape(at.shape + (1,) * (held.ndim - 1)) < 0
+        inputs[name] = jnp.where(before, 0.0, held[jnp.maximum(at, 0)])  # nothing is known of what was sent before
+    return begins, lengths, inputs
 
 
 class Sums(NamedTuple):

@@ -17,10 +17,11 @@ from ..io.pictures import Drawing, write_figures
 from . import figures
 from .coverage import Covered
 from .excitation import Drive
+from .left import against
 from .log import in_files
 from .posterior import posterior
 from .run import Identified
-from .verdict import FitVerdict, coloured
+from .verdict import FitVerdict
 
 UNKNOWN = "not identifiable"
 MANY = 0.03  # share of outliers beyond which something else is wrong
@@ -107,7 +108,11 @@ def estimates(result: Identified) -> Json:
         "logs": [log.name for log in result.task.logs],
         "counts": fit.counts._asdict(),
         "noise": dict(zip(fit.model.channels, fit.sigma.tolist(), strict=True)),
-        "correlation_with_the_next_row": verdict.white,
+        "correlation_with_the_next_row": dict(verdict.left.white),
+        "lacks_in_the_model": verdict.left.lacks,
+        "follows_the_commands": dict(verdict.left.follows),
+        "uneven": {kind: {"from": t, "times": many} for kind, (t, many) in verdict.left.uneven.items()},
+        "change": verdict.left.change._asdict() if verdict.left.change else None,
         "starts": {"at_the_best": fit.arrived[0], "of": fit.arrived[1]},
         "parameters": {e.name: {key: getattr(e, key) for key in shown[e.name]} for e in verdict.estimates},
         "correlation": {"names": list(shown), "matrix": verdict.correlation.tolist()},
@@ -180,7 +185,6 @@ def _warnings(result: Identified) -> list[str]:
     outliers, stretches, (best, starts) = fit.counts.outliers, fit.counts.segments, fit.arrived
     rows = int((fit.segments.weight > 0).sum()) + outliers
     lost = ", ".join(e.name for e in verdict.estimates if e.drive)
-    left = ", ".join(coloured(verdict))
     warnings = {
         "Nothing is identified: scenario.toml holds what was assumed, and no other drive is predicted.": (
             not verdict.identified
@@ -189,9 +193,7 @@ def _warnings(result: Identified) -> list[str]:
         f"{outliers} of {rows} measurements were left out as outliers: too many for a sound log.": (
             outliers > MANY * rows
         ),
-        f"What is left of {left} is no white noise: the model lacks something there, and values may"
-        " be off by more than their intervals say, which take the bootstrap's deviations where those are wider."
-        " Fit more (--fit), or another kind of vehicle.": left,
+        **dict.fromkeys(against(verdict.left), True),
         f"Only 1 of {starts} starts ended at the best fit: try more, identify.starts.": best == 1 < starts,
         f"Only {stretches} stretches: the bootstrap says little; record a longer drive.": stretches < FEW,
         "The logs have no clock in common: no sinusoid in the disturbance was looked for.": (
@@ -215,7 +217,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
         *_warnings(result),
         table(result.verdict),
         "Deviations are standard: Gauss and Newton's covariance, and beside it a bootstrap over stretches of the log."
-        " Intervals take the wider of the two.",
+        " Intervals take the wider of the two, and Student's quantile for as many stretches as tell the number.",
     ]
     if deadzones:
         parts.append(_picture("deadzones"))

@@ -15,6 +15,7 @@ from .conclusion import Conclusion, conclude
 from .coverage import Covered, covered
 from .excitation import Designer, Drive, Room, motion
 from .fit import Fit, Task
+from .load import Count, uncounted
 from .log import Log, commands_of, same_channels, same_drive
 from .model import Model
 from .parameters import Parameter, parameters, values
@@ -22,7 +23,7 @@ from .plain import plain_models
 from .predict import Prediction, predict, windows
 from .rules import faults
 from .task import model_of, read, task
-from .verdict import FitVerdict, coloured, settled
+from .verdict import FitVerdict, settled
 
 Tick = Callable[[str], object]  # is told the name of each part of the work as it ends
 ASSUMED = {"x": 2e-3, "y": 2e-3, "heading": 1e-3, "vx": 4e-3, "vy": 4e-3}  # channels and noise where no log tells them
@@ -59,15 +60,15 @@ def identify(
     return identified(config, posed, to_predict(unseen, config, posed), tick)
 
 
-def to_predict(files: Sequence[str], config: Config, posed: Task) -> tuple[Log, ...]:
-    """The logs of other drives, which must measure the same and be long enough.
+def to_predict(files: Sequence[str], config: Config, posed: Task, count: Count = uncounted) -> tuple[Log, ...]:
+    """The logs of other drives, which must measure the same and be long enough; `count` is told how much was read.
 
     Raises:
         agvjax.InputError: names the log and what is wrong with it.
     """
     if not files:
         return ()
-    logs, settings = read(files, config)[0], config.identify
+    logs, settings = read(files, config, count)[0], config.identify
     wrong = same_channels([posed.logs[0], *logs])
     rule = "a drive that was not learned from: what the fit has seen is no prediction"
     wrong += [Fault("--unseen", log.name, rule) for log in logs if any(same_drive(log, own) for own in posed.logs)]
@@ -94,7 +95,7 @@ def identified(config: Config, posed: Task, unseen: Sequence[Log], tick: Tick) -
         ahead = predict(fitted, unseen or long, *pace, plain_models(config.scenario.plant, posed.logs))
         predictions = ahead if unseen else []
     tick("predicted")
-    said = conclude(posed.logs, fitted, verdict, coloured(verdict), ahead, not unseen)
+    said = conclude(posed.logs, fitted, verdict, ahead, not unseen)
     if settings.drives and _says_needs(config):
         p = np.where([e.identified for e in verdict.estimates], fitted.p, values(posed.parameters))
         drive = _suggested(config, fitted.model, posed.parameters, p, fitted.sigma, posed.logs[0].step, tick)

@@ -14,7 +14,7 @@ from ..config.settings import Config
 from . import log as logs
 from . import parameters as wanted
 from .fit import Task
-from .load import load
+from .load import Count, load, uncounted
 from .log import Log
 from .model import Model
 from .segments import cut, thinned, widened
@@ -24,14 +24,14 @@ LEAST_STRETCHES = 5
 BRIEF, SOME = 4, 64  # times shorter are the stretches that the starts are fitted to, and how many of them
 
 
-def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
-    """Logs, and whether they have one clock.
+def read(files: Sequence[str], config: Config, count: Count = uncounted) -> tuple[tuple[Log, ...], bool]:
+    """Logs, and whether they have one clock; `count` is told how much was read.
 
     Raises:
         agvjax.InputError: names file, column and rule.
     """
     wishes, plant = config.identify, config.scenario.plant
-    drives = [load(file, plant, wishes.columns, wishes.ahead, wishes.topics, wishes.stamps) for file in files]
+    drives = [load(file, plant, wishes.columns, wishes.ahead, wishes.topics, wishes.stamps, count) for file in files]
     wrong = logs.same_channels(drives)
     for i, log in enumerate(drives):
         if any(logs.same_drive(log, other) for other in drives[:i]):
@@ -41,13 +41,13 @@ def read(files: Sequence[str], config: Config) -> tuple[tuple[Log, ...], bool]:
     return logs.together(drives)
 
 
-def task(files: Sequence[str], config: Config) -> Task:
-    """All that the fit needs.
+def task(files: Sequence[str], config: Config, count: Count = uncounted) -> Task:
+    """All that the fit needs; `count` is told how much was read.
 
     Raises:
         agvjax.InputError: names every bad key, or the log and what is wrong with it.
     """
-    read_logs, one_clock = read(files, config)
+    read_logs, one_clock = read(files, config, count)
     settings, first = config.identify, read_logs[0]
     if settings.segment < BRIEF * max(log.step for log in read_logs):
         rule = f"at least {BRIEF} rows long, {BRIEF * max(log.step for log in read_logs):g} s"

@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import t as student
 
 from ..config.settings import Identify
 from .fit import SETTLED, WORTH, Fit, Task, fit, information, refitted
+from .left import NOTHING, TURNING, Left, left
 from .log import moved
 from .model import compiled
 from .parameters import OMEGA, Parameter, sinusoidal, values, widths
@@ -22,9 +24,9 @@ NEAR = 1e-3  # of where a parameter was looked for: at its edge
 DIFFER = "where the vehicle goes says {:.3g}, how it turns {:.3g}: the model lacks something, which bends this"
 MENDED = "the model mended: fit more (--fit), or another kind of vehicle"
 STILL = "nothing that is measured moves by more than its noise: with any value the log would look the same"
-TURNING = ("heading", "yaw_rate", "steering_angle")  # measurements of how a vehicle turns, not of where it goes
 DISAGREE = 3.5  # deviations of their difference, beyond which what these two say of a number is no chance
-COLOURED = 0.3  # correlation from row to row above which the model lacks something
+SELF = 0.1  # of a stretch's own pull, that remains at least of what it says
+FEWEST = 3.0  # stretches that count as telling a number, however few do
 ALIKE = 0.8  # correlation from which two parameters are named together
 
 
@@ -54,7 +56,7 @@ class FitVerdict(NamedTuple):
 
     estimates: tuple[Estimate, ...]
     correlation: np.ndarray  # (P, P), of Gauss-Newton; unit rows for what was not free
-    white: dict[str, float]  # by channel the correlation of what is left with itself one row later
+    left: Left = NOTHING  # what is left of the measurements
 
     @property
     def identified(self) -> int:
@@ -76,9 +78,9 @@ def judge(fit: Fit, draws: int, seed: int) -> FitVerdict:
     felt = np.sqrt(np.diag(fit.sums.matrix.sum(axis=0)))
     slope = fit.sums.slope.sum(axis=0) + (fit.p - values(parameters)) / widths(parameters) ** 2
     step = -np.diag(covariance) * slope  # of each alone, where nothing stands in its way
-    numbers = zip(deviation, bootstrapped, felt, step, correlation, strict=True)
+    numbers = zip(deviation, bootstrapped, felt, step, correlation, _quantile(fit, covariance), strict=True)
     estimates = [_estimate(fit, i, *row) for i, row in enumerate(numbers)]
-    return FitVerdict(tuple(_agreed(fit, estimates, draws, seed)), correlation, _white(fit))
+    return FitVerdict(tuple(_agreed(fit, estimates, draws, seed)), correlation)
 
 
 def settled(
@@ -86,7 +88,7 @@ def settled(
 ) -> tuple[Fit, FitVerdict]:
     """Fit and judge; then once more without a sinusoid, and without the constant pushes, that may as well be 0.
 
-    A vehicle that never moved tells nothing, whatever fits best.
+    A vehicle that never moved tells nothing, whatever fits best. At last what is left is looked at.
     """
     best = fit(task, settings.starts, settings.outlier, seed, tick)
     verdict = judge(best, settings.bootstrap, seed)
@@ -99,7 +101,7 @@ def settled(
             zero = gone & np.array([q.name != OMEGA for q in best.parameters])
             best = refitted(best, np.where(zero, 0.0, best.p), best.free & ~gone, absent)
             verdict = judge(best, settings.bootstrap, seed)
-    return best, verdict
+    return best, verdict._replace(left=left(best, task.logs, seed))
 
 
 def _doubtful_sinusoid(fit: Fit, verdict: FitVerdict) -> dict[str, str]:
@@ -135,32 +137,62 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> np.ndarray:
     """Standard deviations (P,) over resampled stretches, one Gauss-Newton step each from the fit.
 
     Stretches begin in states of their own, so that each is a sample of its own: errors that go together within one, by
-    what the model lacks, widen these deviations and not Gauss-Newton's.
+    noise that lasts or by what the model lacks, widen these deviations and not Gauss-Newton's. How far one pulls the
+    fit to itself is made up for (`_alone`).
     """
     rng = np.random.default_rng([seed, 0xB007])
     width, free = widths(fit.parameters), fit.free
     prior, pull = np.diag(width**-2.0), (fit.p - values(fit.parameters)) / width**2
-    count, steps, place = len(fit.sums.cost), [], np.ix_(free, free)
+    count, steps, place, slope = len(fit.sums.cost), [], np.ix_(free, free), _alone(fit)
     for _ in range(draws):
         times = np.bincount(rng.integers(count, size=count), minlength=count).astype(float)
         H = np.tensordot(times, fit.sums.matrix, axes=1) + prior
-        g = times @ fit.sums.slope + pull
+        g = times @ slope + pull[free]
         scale = np.sqrt(np.diag(H)[free])
-        steps.append(-np.linalg.solve(H[place] / np.outer(scale, scale), g[free] / scale) / scale)
+        steps.append(-np.linalg.solve(H[place] / np.outer(scale, scale), g / scale) / scale)
     spread = np.zeros(len(fit.p))
     spread[free] = np.std(steps, axis=0, ddof=1) if draws > 1 else 0.0
     return spread
 
 
+def _alone(fit: Fit) -> np.ndarray:
+    """Slopes of the stretches (S, free), each as large as it would be had the stretch not pulled the fit to itself.
+
+    (I - H_s H^-1)^-1/2 g_s, in coordinates in which H is the unit matrix: unbiased where noise is white (Bell and
+    McCaffrey 2002).
+    """
+    place = np.ix_(fit.free, fit.free)
+    H = information(fit.sums, fit.parameters)[place]
+    scale = np.sqrt(np.diag(H))
+    sizes, turned = np.linalg.eigh(H / np.outer(scale, scale))
+    into = turned / np.sqrt(sizes) / scale[:, None]  # of which into into^T is H^-1
+    part, way = np.linalg.eigh(into.T @ np.stack([own[place] for own in fit.sums.matrix]) @ into)
+    more = 1 / np.sqrt(np.maximum(1 - part, SELF))
+    slopes = fit.sums.slope[:, fit.free] @ into
+    mended = np.einsum("sij,sj,skj,sk->si", way, more, way, slopes)
+    return mended @ np.linalg.inv(into)
+
+
+def _quantile(fit: Fit, covariance: np.ndarray) -> np.ndarray:
+    """How many deviations a 95 % interval reaches (P,): of Student, as the stretches are few that tell a number.
+
+    Their number is (sum a)^2 / sum a^2, where a_s is what a stretch has part in a number's variance.
+    """
+    part = np.einsum("ij,sjk,ki->si", covariance, fit.sums.matrix, covariance)
+    total = np.maximum(part.sum(axis=0), 1e-300)
+    some = np.where(part.any(axis=0), total**2 / np.maximum((part**2).sum(axis=0), 1e-300), np.inf)
+    return np.asarray(student.ppf(0.975, np.maximum(some, FEWEST)))
+
+
 def _estimate(
-    fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, step: float, row: np.ndarray
+    fit: Fit, i: int, gauss_newton: float, bootstrapped: float, felt: float, step: float, row: np.ndarray, wide: float
 ) -> Estimate:
     """Of the i-th parameter, by its deviations, what it changes in the log, where it would go, and its correlations."""
     q, value = fit.parameters[i], float(fit.p[i])
     if not fit.free[i]:
         return Estimate(q.name, q.unit, value if q.name == OMEGA else 0.0, reason=fit.absent[q.name])
     deviation = max(gauss_newton, bootstrapped)
-    half = Z95 * deviation
+    half = wide * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
     near = NEAR * (q.high - q.low)
@@ -251,22 +283,3 @@ def advice(name: str) -> str:
     if head == "plant":
         return "turns to both sides while driving"
     return "a longer drive, in several headings"
-
-
-def coloured(verdict: FitVerdict) -> list[str]:
-    """Channels of which more is left than white noise."""
-    return [name for name, x in verdict.white.items() if x > COLOURED]
-
-
-def _white(fit: Fit) -> dict[str, float]:
-    """What is left, measurement by measurement: correlation with the one before."""
-    correlations, kept = {}, fit.segments.weight > 0
-    for c, name in enumerate(fit.model.channels):
-        after, squares = [], []
-        for left, there in zip(fit.sums.residual[..., c], kept[..., c], strict=True):
-            row = left[there]  # of a channel that is measured less often than others too
-            after.append(row[1:] * row[:-1])
-            squares.append(row**2)
-        product, square = (np.concatenate(x) for x in (after, squares))
-        correlations[name] = float((product.mean() if product.size else 0.0) / max(square.mean(), 1e-30))
-    return correlations

@@ -10,6 +10,7 @@ import agvjax
 from tuning.identify import figures, page
 from tuning.identify.conclusion import conclude
 from tuning.identify.coverage import covered
+from tuning.identify.left import GOES, NOTHING, TURNS, Change, Left
 from tuning.identify.log import Log
 from tuning.identify.plain import AT_ONCE, LAGGING, driven, led, plain_models
 from tuning.identify.predict import Prediction
@@ -84,7 +85,7 @@ def known(name, identified=True):
     return Estimate(name, "1", 1.0, identified=identified, drive="" if identified else "a longer one")
 
 
-def said(estimates, rms=0.02, plain=(0.5, 0.1), outliers=0, coloured=(), own=False, ahead=True, noise=0.01):
+def said(estimates, rms=0.02, plain=(0.5, 0.1), outliers=0, left=NOTHING, own=False, ahead=True, noise=0.01):
     """A conclusion about estimates, from a fit that predicts with an rms [m] beside two plain models."""
     logs = [drive(1, noise=noise)]
     counts = SimpleNamespace(outliers=outliers)
@@ -92,8 +93,8 @@ def said(estimates, rms=0.02, plain=(0.5, 0.1), outliers=0, coloured=(), own=Fal
     fit = SimpleNamespace(segments=segments, counts=counts, model=SimpleNamespace(channels=("x", "y", "heading")))
     empty = np.zeros((1, 1))
     predicted = Prediction("other", 5.0, 7, rms, rms, empty, empty, dict(zip((AT_ONCE, LAGGING), plain, strict=True)))
-    verdict = FitVerdict(tuple(estimates), np.eye(len(estimates)), {})
-    return conclude(logs, fit, verdict, coloured, [predicted] if ahead else [], own)
+    verdict = FitVerdict(tuple(estimates), np.eye(len(estimates)), left)
+    return conclude(logs, fit, verdict, [predicted] if ahead else [], own)
 
 
 DEADZONE, DELAY = known("deadzone.left.slope_left"), "actuators.left.delay.time"
@@ -141,11 +142,11 @@ def test_numbers_are_no_good_where_nothing_is_known_or_much_was_left_out():
 
 
 def test_what_the_model_lacks_is_said_beside_what_it_is_good_for():
-    good, text = said([DEADZONE], coloured=["x", "heading"])
-    assert (
-        good
-        and "good for tuning; their intervals may be too narrow, since the model lacks something in x and he" in text
-    )
+    good, text = said([DEADZONE], left=Left({}, {GOES: 0.1}, {TURNS: (82.0, 9.0)}, None))
+    words = "good for tuning; their intervals may be too narrow, since the model lacks something in where it goes and "
+    assert good and words + "how it turns." in text
+    _, text = said([DEADZONE], left=NOTHING._replace(change=Change(61.2, "plant.track", -0.05)))
+    assert "good for tuning; from t = 61 s on the machine behaves differently (plant.track by -0.05)." in text
 
 
 # ---- many logs

@@ -9,11 +9,12 @@ import pytest
 import agvjax
 from tuning.identify import verdict
 from tuning.identify.fit import Fit
+from tuning.identify.left import white
 from tuning.identify.log import Log
 from tuning.identify.model import Sums
 from tuning.identify.parameters import Parameter, parameters
 from tuning.identify.segments import Segments
-from tuning.identify.verdict import Estimate, _estimate, _white, advice
+from tuning.identify.verdict import Z95, Estimate, _estimate, advice
 
 
 def test_what_is_left_is_correlated_from_one_measurement_to_the_next():
@@ -28,7 +29,7 @@ def test_what_is_left_is_correlated_from_one_measurement_to_the_next():
         sums=SimpleNamespace(residual=np.stack([rows, other], axis=-1)),
         segments=SimpleNamespace(weight=np.stack([there, ~there], axis=-1).astype(float)),
     )
-    assert _white(fit) == pytest.approx({"x": 0.6, "y": 0.0}, abs=0.04)
+    assert white(fit) == pytest.approx({"x": 0.6, "y": 0.0}, abs=0.04)
 
 
 @pytest.mark.parametrize(("turns", "doubted"), [(0.09, True), (0.24, False), (0.16, False)])
@@ -77,7 +78,7 @@ DELAY = Parameter("actuators.a.delay.time", "s", 0.02, 0.0, 0.5, 0.1, 0.01, "", 
 def test_what_ends_at_an_edge_is_called_so_however_little_it_is_felt(parameter, value, push, words):
     """All of these change the log by 2 deviations at most; that it ended at an edge says more."""
     fit: Any = SimpleNamespace(parameters=[parameter], p=np.array([value]), free=np.array([True]), absent={})
-    e = _estimate(fit, 0, 0.06, 0.06, 2.0, 0.06 * push, np.ones(1))
+    e = _estimate(fit, 0, 0.06, 0.06, 2.0, 0.06 * push, np.ones(1), Z95)
     assert not e.identified and e.reason.startswith(words)
 
 
@@ -94,5 +95,5 @@ def test_a_drift_that_is_known_to_be_small_is_known():
     log = Log("a", 0.0, 0.02 * np.arange(3), np.ones((3, 2)), ("left", "right"), {})
     (drift,) = parameters(scenario, ["plant.drift"], [log], 0.01, 0.5)
     fit: Any = SimpleNamespace(parameters=[drift], p=np.array([1e-3]), free=np.array([True]), absent={})
-    assert _estimate(fit, 0, 0.004, 0.004, 1e3, 0.0, np.ones(1)).identified
-    assert not _estimate(fit, 0, 0.02, 0.02, 1e3, 0.0, np.ones(1)).identified
+    assert _estimate(fit, 0, 0.004, 0.004, 1e3, 0.0, np.ones(1), Z95).identified
+    assert not _estimate(fit, 0, 0.02, 0.02, 1e3, 0.0, np.ones(1), Z95).identified
