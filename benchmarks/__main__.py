@@ -77,6 +77,7 @@ def machine() -> dict[str, Any]:
         "date": datetime.date.today().isoformat(),
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "load": round(os.getloadavg()[0], 1),  # how many programs wanted a core, over the last minute
         "python": platform.python_version(),
         "versions": versions,
     }
@@ -97,8 +98,14 @@ def table(kept: dict[str, Any]) -> str:
     """A part as Markdown."""
     facts, rows = kept["machine"], kept["rows"]
     versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
+    load = f", load {facts['load']}" if "load" in facts else ""
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key != "curves"]
-    lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
+    lines = [
+        f"# {kept['part']}",
+        "",
+        f"{facts['date']}, {facts['processor']}, {facts['cores']} cores{load}; {versions}",
+        "",
+    ]
     lines += [kept["note"], ""] if "note" in kept else []
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:
