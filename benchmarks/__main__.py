@@ -13,7 +13,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, drives, explore, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
+from . import (
+    accuracy,
+    drives,
+    explore,
+    figure,
+    following,
+    gradient,
+    problems,
+    python,
+    rollout,
+    sampled,
+    startup,
+    sweep,
+    tuning,
+)
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -23,6 +37,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "gradient": gradient.measure,
     "memory": lambda turns: gradient.measure_memory(),
     "startup": startup.measure,
+    "python": python.measure,
     "accuracy": lambda turns: _alone(accuracy.measure),
     "tuning": tuning.measure,
     "sampled": sampled.measure,

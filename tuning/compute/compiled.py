@@ -19,6 +19,7 @@ from jax import export
 from jaxtyping import PyTree
 
 import agvjax
+from agvjax.engine.xla import cache_folder
 from agvjax.metric_table import Followed
 
 from .kept import Kept, private
@@ -31,14 +32,6 @@ for _results in (agvjax.Metrics, Followed):  # what is traced may return besides
         serialize_auxdata=lambda static: b"",
         deserialize_auxdata=lambda data: (),
     )
-
-
-def folder() -> Path | None:
-    """Where all this is kept, safe to delete: `agvjax` under XDG_CACHE_HOME or ~/.cache. None: no such place."""
-    try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "agvjax"
-    except RuntimeError:  # a user without a home
-        return None
 
 
 class _Notes:
@@ -83,7 +76,7 @@ def keep_compiled() -> None:
 
 def _kept(name: str) -> Kept:
     """A folder of this name, or none where it would not be safe."""
-    root = folder()
+    root = cache_folder()
     why = "there is no home folder, and XDG_CACHE_HOME is not set" if root is None else private(root, name)
     if why:
         _NOTES.say(f"compiled programs are not kept, every start compiles again: {why}")

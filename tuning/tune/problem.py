@@ -35,9 +35,7 @@ class TuningProblem(NamedTuple):
     adversary: Adversary
     screen: Screen | None = None  # what looks at many gain sets before the search
     first: tuple[str, ...] = ()  # gains that are tuned before the others may move; (): all at once
-    judgement: Callable[..., agvjax.Metrics] | None = (
-        None  # of `finer.judged`, compiled before
-    )
+    judgement: Callable[..., agvjax.Metrics] | None = None  # of `finer.judged`, compiled before
 
     @property
     def moving(self) -> np.ndarray:
