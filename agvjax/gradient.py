@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +33,7 @@ def value_and_grad(function: Callable[..., PyTree], *, has_aux: bool = False) ->
         the first argument.
     """
 
-    def both(tree: PyTree, *more: Any, **named: Any) -> tuple[PyTree, PyTree]:
+    def both(tree: PyTree, *more: PyTree, **named: PyTree) -> tuple[PyTree, PyTree]:
         flat, shaped = ravel_pytree(tree)
         if flat.size > (MOST_FAST if FAST in os.environ.get("XLA_FLAGS", "") else MOST_FORWARD):
             return jax.value_and_grad(function, has_aux=has_aux)(tree, *more, **named)

@@ -20,6 +20,7 @@ from . import (
     figure,
     following,
     gradient,
+    history,
     problems,
     python,
     rollout,
@@ -69,6 +70,8 @@ def main() -> None:
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
+        row = history.kept(kept, history.commit())
+        print(history.change(row, history.append(row)))
     for name, draw in (("rollout", figure.draw), ("tuning", figure.draw_tuning)):
         if (RESULTS / f"{name}.json").exists():
             draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
