@@ -17,7 +17,7 @@ COPIED := $(if $(DEV),,README.md LICENSE $(shell find agvjax tuning -name '*.pyc
 SOURCES := pyproject.toml $(COPIED)
 
 .DEFAULT_GOAL := help
-.PHONY: help tune sweep reproduce compare vehicles bench dev test fuzz slow check lint types docs notebooks format clean
+.PHONY: help tune sweep reproduce compare vehicles bench compilers dev test fuzz slow check lint types docs notebooks format clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -40,6 +40,9 @@ vehicles: $(VENV)/.installed-vehicles ## unicycle, car and robot with limits, de
 
 bench: $(VENV)/.installed-bench ## measure speed, memory, accuracy beside every peer (half an hour); one part: ARGS=rollout
 	$(BIN)/python -m benchmarks $(ARGS)
+
+compilers: $(VENV)/.installed-dev ## the same results on the oldest and the newest jaxlib and Python? environments in build/compilers
+	$(BIN)/python -m benchmarks.compilers
 
 dev: $(VENV)/.installed-dev ## .venv with the package and the tools for development
 

@@ -52,11 +52,13 @@ from .controllers.velocity_reference import VelocityReference
 from .controllers.wrapping import Wrapping
 from .decorator import pytree
 from .disturbance import BandLimitedNoise, Cosine, CosineSum, Harmonic, NoDisturbance, Recorded, Step, Tone
+from .engine import xla as _xla
 from .engine.xla import tune_xla
 from .errors import Fault, InputError
 from .evaluate import Batch, batch, evaluate
 from .feasible import demands, path_warnings
 from .geometry import into_body, into_plane, wrap
+from .gradient import value_and_grad
 from .integrate import EULER, HEUN, INTEGRATORS, RK4, Integrator
 from .leaves import leaves, replace
 from .messages import Command, Measurement, Reference, Start
@@ -106,11 +108,13 @@ __all__ += ["Route", "SpeedLimits"]
 __all__ += ["BandLimitedNoise", "Cosine", "CosineSum", "Harmonic", "NoDisturbance", "Recorded", "Step", "Tone"]
 # check, leaves, compiler
 __all__ += ["check", "faults", "step_faults", "step_warnings", "Fault", "InputError", "leaves", "replace"]
-__all__ += ["tune_xla", "readings"]
+__all__ += ["tune_xla", "value_and_grad", "readings"]
 # what a class of one's own needs
 __all__ += ["Disturbance", "Element", "Heading", "Law", "Motion", "Path", "Plant", "Reach", "Sensor", "Command"]
 __all__ += ["Measurement", "Reference", "Start", "ANY", "FRACTION", "NONNEGATIVE", "POSITIVE", "Real", "Rule"]
 __all__ += ["number", "structure", "pytree", "into_body", "into_plane", "wrap", "Wrapping"]
+
+_xla.set_on_import()
 
 
 def __getattr__(name: str) -> object:

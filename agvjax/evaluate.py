@@ -13,6 +13,7 @@ from jaxtyping import PyTree
 
 from ._pytree import Real, pytree, structure
 from .engine.rollout import Rollout
+from .engine.xla import warn_if_slow
 from .integrate import RK4, Integrator
 from .leaves import fits, get, replace, swap
 from .metrics import Criteria, Metrics
@@ -113,6 +114,7 @@ def evaluate(  # long: half of it says what each argument is
     Raises:
         ValueError: batches of different sizes, or `block` or `devices` out of range.
     """
+    warn_if_slow()
 
     def one(controller: PyTree, scenario: PyTree) -> Metrics:
         rollout = Rollout(

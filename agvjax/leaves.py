@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -43,8 +44,14 @@ def with_arrays(tree: PyTree) -> PyTree:
 def children(node: PyTree) -> dict[str, PyTree]:
     """The named parts of a dataclass or a dictionary; empty for a leaf."""
     if dataclasses.is_dataclass(node):
-        return {f.name: getattr(node, f.name) for f in dataclasses.fields(node) if not f.metadata.get("static")}
+        return {name: getattr(node, name) for name, beside in _fields(type(node)).items() if not beside.get("static")}
     return dict(node) if isinstance(node, Mapping) else {}
+
+
+@functools.cache
+def _fields(kind: type) -> dict[str, Mapping[str, Any]]:
+    """What is written beside each field of a dataclass; empty of any other class."""
+    return {f.name: f.metadata for f in dataclasses.fields(kind)} if dataclasses.is_dataclass(kind) else {}
 
 
 def leaves(tree: PyTree, prefix: str = "") -> dict[str, PyTree]:
@@ -132,8 +139,7 @@ def metadata_of(tree: PyTree, name: str) -> Mapping[str, Any]:
     """What is written beside the field of a dotted name: rule, unit, source; empty where there is no such field."""
     *parents, last = [name] if name in children(tree) else name.split(".")  # a dictionary's name may have dots
     holder = get(tree, ".".join(parents)) if parents else tree
-    fields = dataclasses.fields(holder) if dataclasses.is_dataclass(holder) else ()
-    found = next((f.metadata for f in fields if f.name == last), {})
+    found = _fields(type(holder)).get(last, {})
     if parents and isinstance(holder, Schedule) and last == "values":  # their rule and unit are those of the number
         return {**found, **metadata_of(tree, ".".join(parents)), "shapes": found["shapes"], "above": ""}
     return found

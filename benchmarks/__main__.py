@@ -13,7 +13,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import accuracy, drives, explore, figure, following, gradient, problems, rollout, sampled, startup, sweep, tuning
+from . import (
+    accuracy,
+    drives,
+    explore,
+    figure,
+    following,
+    gradient,
+    history,
+    problems,
+    python,
+    rollout,
+    sampled,
+    startup,
+    sweep,
+    tuning,
+)
 
 RESULTS = Path(__file__).parent / "results"
 PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
@@ -23,6 +38,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "gradient": gradient.measure,
     "memory": lambda turns: gradient.measure_memory(),
     "startup": startup.measure,
+    "python": python.measure,
     "accuracy": lambda turns: _alone(accuracy.measure),
     "tuning": tuning.measure,
     "sampled": sampled.measure,
@@ -54,6 +70,8 @@ def main() -> None:
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
+        row = history.kept(kept, history.commit())
+        print(history.change(row, history.append(row)))
     for name, draw in (("rollout", figure.draw), ("tuning", figure.draw_tuning)):
         if (RESULTS / f"{name}.json").exists():
             draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
@@ -77,6 +95,7 @@ def machine() -> dict[str, Any]:
         "date": datetime.date.today().isoformat(),
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "load": round(os.getloadavg()[0], 1),  # how many programs wanted a core, over the last minute
         "python": platform.python_version(),
         "versions": versions,
     }
@@ -97,8 +116,14 @@ def table(kept: dict[str, Any]) -> str:
     """A part as Markdown."""
     facts, rows = kept["machine"], kept["rows"]
     versions = ", ".join(f"{k} {v}" for k, v in facts["versions"].items() if v)
+    load = f", load {facts['load']}" if "load" in facts else ""
     columns = [key for key in dict.fromkeys(key for row in rows for key in row) if key != "curves"]
-    lines = [f"# {kept['part']}", "", f"{facts['date']}, {facts['processor']}, {facts['cores']} cores; {versions}", ""]
+    lines = [
+        f"# {kept['part']}",
+        "",
+        f"{facts['date']}, {facts['processor']}, {facts['cores']} cores{load}; {versions}",
+        "",
+    ]
     lines += [kept["note"], ""] if "note" in kept else []
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for row in rows:

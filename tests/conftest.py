@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import pytest
 
+os.environ["AGVJAX_XLA"] = "0"  # tests that want compiler options set them, in a process of their own
 KEPT = Path(tempfile.gettempdir()) / "agvjax-test-cache"
 os.environ["XDG_CACHE_HOME"] = str(KEPT)  # of every command that a test runs
 jax.config.update("jax_enable_x64", True)

@@ -19,7 +19,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "sensor", "controllers"),
     ("agvjax", "scenario"),
     ("agvjax", "engine"),
-    ("agvjax", "simulate", "metrics", "metric_table", "followed"),
+    ("agvjax", "simulate", "gradient", "metrics", "metric_table", "followed"),
     ("agvjax", "evaluate"),
     ("agvjax", "check", "cut", "feasible", "linear", "margins", "readings"),
     ("agvjax", "draw"),

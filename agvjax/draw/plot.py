@@ -1,15 +1,17 @@
-"""Figures of trajectories. With `animate` the only modules that import matplotlib; they make figures and show none."""
+"""Figures of trajectories. They are made and not shown; the first one made imports matplotlib."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jax.typing import ArrayLike
-from matplotlib.figure import Figure
 
 from ..metrics import tracking_error
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CHANNELS = ("x", "y", "heading")
 ERRORS = ("$e_x$ [m]", "$e_y$ [m]", r"$e_\psi$ [rad]")
@@ -33,9 +35,16 @@ def shown(values: ArrayLike) -> np.ndarray:
     return np.where(np.abs(plain) <= FAR, plain, np.nan)
 
 
+def sheet(size: tuple[float, float], layout: Literal["constrained"] | None = "constrained") -> Figure:
+    """An empty figure of `size` [inch]: every figure of this project is begun here."""
+    from matplotlib.figure import Figure  # late: half a second that a run without figures does not need
+
+    return Figure(figsize=size, layout=layout)
+
+
 def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
     """The reference path and what the reference point of the vehicle did, in the plane; and the path's `points`."""
-    figure = Figure(figsize=(5.2, 5.2), layout="constrained")
+    figure = sheet((5.2, 5.2))
     draw_path(figure.add_subplot(), runs, points)
     return complete(figure)
 
@@ -66,7 +75,7 @@ def commands(runs: Runs) -> Figure:
 def route(run: Any) -> Figure:
     """How a route was followed in time: distance from it, with its corridor, heading error, and speed."""
     ride, t = run.route, np.asarray(run.t)
-    figure = Figure(figsize=(7.5, 6), layout="constrained")
+    figure = sheet((7.5, 6))
     across, turned, fast = figure.subplots(3, 1, sharex=True)
     across.plot(t, 1e3 * np.asarray(ride.cross_track), **ALONE[0])
     if ride.room is not None:
@@ -87,7 +96,7 @@ def route(run: Any) -> Figure:
 
 def inputs(run: Any, names: Sequence[str]) -> Figure:
     """What each actuator was asked for and what it delivered; grey where something was at its limit."""
-    figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")
+    figure = sheet((7.5, 2.2 * len(names)))
     rows = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     t, limited = np.asarray(run.t), np.asarray(run.limited, float)
     for i, (axes, name) in enumerate(zip(rows, names, strict=True)):
@@ -110,7 +119,7 @@ def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
 
 def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
     channels = values(next(iter(runs.values()))).shape[1]  # two where the heading is not commanded
-    figure = Figure(figsize=(7.5, 2 * channels), layout="constrained")
+    figure = sheet((7.5, 2 * channels))
     rows = figure.subplots(channels, 1, sharex=True, squeeze=False)[:, 0]
     for channel, (axes, label) in enumerate(zip(rows, labels, strict=False)):
         for (name, run), style in zip(runs.items(), _styles(runs), strict=False):

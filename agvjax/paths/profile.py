@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
-from scipy.optimize import linprog
 
 from .._pytree import POSITIVE, number, pytree
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 MOST = 2048  # knots at which jerk is limited; longer profiles are linear in squared speed between so many
 ROUNDS, NEAR = 30, 0.01  # of linear programmes; within what of each other they end, in jerk and squared speed
@@ -105,6 +107,8 @@ def _smooth(top: np.ndarray, h: float, limits: SpeedLimits, ends: tuple[bool, bo
 
 def _differences(lengths: np.ndarray, ends: tuple[bool, bool] | None) -> tuple[sparse.csr_array, sparse.csr_array]:
     """What makes of squared speeds the acceleration on each piece, and of those its steps; rest is without any."""
+    from scipy import sparse  # late, as below: half a second that only a limit of jerk needs
+
     n = len(lengths)
     row, change = np.arange(n), 1 / (2 * lengths)
     entries = np.r_[-change, change], (np.r_[row, row], np.r_[row, row + 1])
@@ -126,6 +130,8 @@ def _between(square: np.ndarray, lengths: np.ndarray, ends: tuple[bool, bool] | 
 
 def _between_knots(chosen: np.ndarray, n: int) -> sparse.csr_array:
     """What makes of squared speeds at chosen ones of `n` knots those at the others."""
+    from scipy import sparse
+
     others = np.delete(np.arange(n), chosen)
     after = np.searchsorted(chosen, others)
     share = (others - chosen[after - 1]) / (chosen[after] - chosen[after - 1])
@@ -136,6 +142,9 @@ def _between_knots(chosen: np.ndarray, n: int) -> sparse.csr_array:
 
 def _programme(most: np.ndarray, weights: np.ndarray, rows: list[tuple[sparse.csr_array, np.ndarray]]) -> np.ndarray:
     """Squared speeds up to `most`, of the largest weighted sum, for which no row of a matrix is above its side."""
+    from scipy import sparse
+    from scipy.optimize import linprog
+
     rows = [(matrix, side) for matrix, side in rows if np.all(np.isfinite(side))]
     matrix, right = sparse.vstack([matrix for matrix, _ in rows]), np.concatenate([side for _, side in rows])
     bounds = np.c_[np.zeros_like(most), most]

@@ -1,8 +1,14 @@
 """Sharing a batch between devices changes no metric and no derivative. Each check needs a process of its own."""
 
+import ast
+import os
+import sys
+
 import pytest
 
-from commands import python, run
+import agvjax
+from agvjax.engine import xla
+from commands import ROOT, python, run
 
 PROGRAM = """
 import jax, jax.numpy as jnp, numpy as np
@@ -84,6 +90,95 @@ def test_options_and_devices_are_set_unless_they_are_set_already(options, enviro
     count, flags = counted.split(" ", 1)
     assert int(count) == devices
     assert flags == OWN if OWN in environment.values() else "small_while_loop" in flags
+
+
+IMPORTED = """
+import os, agvjax, jax
+print("small_while_loop" in os.environ.get("XLA_FLAGS", ""), "own" in os.environ.get("XLA_FLAGS", ""))
+print(agvjax.tune_xla(devices=1))
+print(agvjax.tune_xla(reverse=True, devices=1))
+print("small_while_loop" in os.environ.get("XLA_FLAGS", ""))
+jax.devices()
+print(agvjax.tune_xla())
+"""
+
+
+@pytest.mark.parametrize(
+    ("environment", "first"),
+    [
+        ({"AGVJAX_XLA": ""}, "True False"),
+        ({"AGVJAX_XLA": "0"}, "False False"),
+        ({"JAX_PLATFORMS": "tpu"}, "False False"),
+    ],
+)
+def test_an_import_sets_options_and_later_calls_do_not_contradict(environment, first):
+    program = IMPORTED if "JAX_PLATFORMS" not in environment else "\n".join(IMPORTED.splitlines()[:3])
+    said = python(program, **{"AGVJAX_XLA": "", "JAX_PLATFORMS": "cpu"} | environment).splitlines()
+    assert said[0] == first
+    if said[1:]:
+        forward, reverse, whole, again = said[1:]
+        assert forward == reverse == "fast compiler options set" and whole == "False"
+        assert again.startswith("fast compiler options are set already, those for reverse mode")
+
+
+def test_an_import_leaves_options_of_ones_own():
+    assert python(IMPORTED.partition("print(agvjax")[0], AGVJAX_XLA="", XLA_FLAGS=f"{OWN},own=1") == "False True\n"
+
+
+SLOW = """
+import functools, sys, warnings
+import jax
+if "started" in sys.argv:
+    jax.devices()
+import agvjax
+law, shape = agvjax.NeuroBackstepping(), functools.partial(agvjax.evaluate, n_steps=10)
+with warnings.catch_warnings(record=True) as seen:
+    warnings.simplefilter("always")
+    for scenario in (agvjax.Scenario(), agvjax.Scenario(path=agvjax.Circle())):
+        jax.eval_shape(shape, law, scenario)
+print(len(seen), *(str(one.message) for one in seen))
+"""
+
+
+def test_a_process_that_runs_slowly_is_told_so_once():
+    late = SLOW.replace("sys.argv", "['started']")
+    said = python(late, AGVJAX_XLA="", JAX_PLATFORMS="cpu")
+    assert said.startswith("1 ") and "JAX had started" in said and "agvjax.tune_xla()" in said
+    for program, options in ((late, {"AGVJAX_XLA": "0"}), (SLOW, {"AGVJAX_XLA": ""})):
+        assert python(program, **options, JAX_PLATFORMS="cpu") == "0\n"
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ([(2.0, 0.0), (20.0, 0.0)], ["fast compiler options set"]),
+        ([(18.0, 0.0), (20.0, 0.0)], ["accepts", "does nothing", "jaxlib<0."]),
+        ([None, (20.0, 0.0)], ["refuses", "jaxlib<0."]),
+    ],
+)
+def test_a_release_that_nobody_tried_is_asked_once(monkeypatch, tmp_path, asked, said):
+    runs = iter(asked)
+    monkeypatch.setattr(xla, "TRIED", ((0, 0), (0, 1)))
+    monkeypatch.setattr(xla, "_started", lambda: False)
+    monkeypatch.setattr(xla, "_set_devices", lambda count: None)
+    monkeypatch.setattr(xla.reproducer, "asked", lambda flags: next(runs))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for _ in range(2):  # the second time from what was kept: there is no third run
+        monkeypatch.delenv("XLA_FLAGS", raising=False)
+        sentence = agvjax.tune_xla(devices=1)
+        assert all(word in sentence for word in said)
+        assert ("xla_backend_extra_options" in os.environ.get("XLA_FLAGS", "")) == ("set" in sentence)
+    (kept,) = (tmp_path / "agvjax").iterdir()
+    kept.write_text("{")  # damaged: measured again
+    with pytest.raises(StopIteration):
+        agvjax.tune_xla(devices=1)
+
+
+def test_the_reproducer_for_upstream_imports_jax_alone():
+    tree = ast.parse((ROOT / "agvjax" / "engine" / "reproducer.py").read_text())
+    found = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    assert found - set(sys.stdlib_module_names) == {"jax", "jax.numpy"}
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
 
 
 def test_too_late_is_said_and_changes_nothing():

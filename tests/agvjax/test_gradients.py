@@ -5,7 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import agvjax
 from agvjax import Cosine, NeuroBackstepping, Scenario, batch, check, evaluate, leaves, replace, simulate
+from agvjax.engine.xla import FAST
+from agvjax.gradient import MOST_FORWARD
 
 GAINS = "k1 k2 k3 Lam Lam_psi omega_n zeta gamma1 gamma2 eta1 eta2 b1 b2".split()
 NUMBERS = "slope_right slope_left threshold_right threshold_left".split()
@@ -116,3 +119,46 @@ def test_evaluate_maps_over_controllers():
         for row, alone in zip(jax.tree.leaves(rows), jax.tree.leaves(single(value)), strict=True):
             np.testing.assert_allclose(row[i], alone, rtol=1e-11, atol=1e-13)
     assert len(set(np.asarray(rows.iae[:, 0]).round(6))) == 3
+
+
+def squared(numbers, offset=0.0):
+    """The sum of squares, by a loop through which reverse mode does not go."""
+    total = jax.lax.while_loop(
+        lambda s: s[0] < 2, lambda s: (s[0] + 1, s[1] + sum(x**2 for x in numbers) / 2), (0, offset)
+    )
+    return total[1]
+
+
+def test_value_and_gradient_of_few_numbers_are_taken_forwards():
+    numbers = {f"k{i}": float(i) for i in range(MOST_FORWARD)}
+    value, slope = agvjax.value_and_grad(lambda tree, **more: squared(tree.values(), **more))(numbers, offset=3.0)
+    assert value == 3.0 + sum(i**2 for i in range(MOST_FORWARD))
+    assert {name: float(x) for name, x in slope.items()} == {f"k{i}": 2.0 * i for i in range(MOST_FORWARD)}
+
+
+def test_value_and_gradient_of_many_numbers_are_taken_backwards(monkeypatch):
+    many = np.arange(MOST_FORWARD + 1.0)
+    monkeypatch.setenv("XLA_FLAGS", "")
+    with pytest.raises(ValueError, match="Reverse-mode"):
+        agvjax.value_and_grad(squared)(many)
+    (value, other), slope = agvjax.value_and_grad(lambda x: (x @ x, x[1]), has_aux=True)(many)
+    np.testing.assert_array_equal(slope, 2 * many)
+    assert value == many @ many and other == 1.0
+    monkeypatch.setenv("XLA_FLAGS", FAST)  # which make reverse mode slower still
+    np.testing.assert_array_equal(agvjax.value_and_grad(squared)(many)[1], 2 * many)
+    (value, other), slope = agvjax.value_and_grad(lambda x: (x @ x, x[1]), has_aux=True)(many[:3])
+    np.testing.assert_array_equal(slope, [0.0, 2.0, 4.0])
+    assert value == 5.0 and other == 1.0
+
+
+def test_value_and_gradient_of_a_controller_is_a_controller():
+    law = agvjax.check(agvjax.NeuroBackstepping())
+
+    def cost(law):
+        return agvjax.simulate(law, agvjax.check(agvjax.Scenario()), n_steps=20).position[-1] @ jnp.ones(2)
+
+    value, slope = agvjax.value_and_grad(cost)(law)
+    h = 1e-4
+    ends = [float(cost(agvjax.replace(law, {"k1": law.k1 + s}))) for s in (h, -h)]
+    np.testing.assert_allclose(slope.k1, (ends[0] - ends[1]) / (2 * h), rtol=1e-6)
+    assert value == cost(law)

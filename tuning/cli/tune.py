@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 
 from ..compute import processes
+from ..compute.compiled import meanwhile
 from ..config import Config
 from ..tune import page, populations
 from ..tune.checkpoint import CHECKPOINT, Recorder
@@ -94,6 +95,7 @@ def _solve(console: Console, recorder: Recorder) -> Outcome:
         def searching() -> None:
             _stop(signals)
             phases.begin("searching for the worst scenario")
+            meanwhile(page.prepare, problem.config)
 
         try:
             with interrupts() as signals:

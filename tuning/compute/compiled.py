@@ -19,18 +19,19 @@ from jax import export
 from jaxtyping import PyTree
 
 import agvjax
+from agvjax.engine.xla import cache_folder
+from agvjax.metric_table import Followed
 
 from .kept import Kept, private
 
 T = TypeVar("T")
-
-
-def folder() -> Path | None:
-    """Where all this is kept, safe to delete: `agvjax` under XDG_CACHE_HOME or ~/.cache. None: no such place."""
-    try:
-        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "agvjax"
-    except RuntimeError:  # a user without a home
-        return None
+for _results in (agvjax.Metrics, Followed):  # what is traced may return besides arrays, tuples and dictionaries
+    export.register_pytree_node_serialization(
+        _results,
+        serialized_name=f"agvjax.{_results.__name__}",
+        serialize_auxdata=lambda static: b"",
+        deserialize_auxdata=lambda data: (),
+    )
 
 
 class _Notes:
@@ -75,7 +76,7 @@ def keep_compiled() -> None:
 
 def _kept(name: str) -> Kept:
     """A folder of this name, or none where it would not be safe."""
-    root = folder()
+    root = cache_folder()
     why = "there is no home folder, and XDG_CACHE_HOME is not set" if root is None else private(root, name)
     if why:
         _NOTES.say(f"compiled programs are not kept, every start compiles again: {why}")
@@ -149,8 +150,21 @@ def _committed(module: export.Exported, example: tuple[PyTree, ...]) -> Callable
     devices = jax.local_devices()[: module.nr_devices]
     mesh = jax.sharding.Mesh(np.array(devices), ("scenarios",))
     everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
-    call = jax.jit(module.call).lower(*jax.device_put(example, everywhere)).compile()
+    with _lean(module):
+        lowered = jax.jit(module.call).lower(*jax.device_put(example, everywhere))
+    call = lowered.compile()
     return lambda *arguments: jax.device_put(call(*jax.device_put(arguments, everywhere)), devices[0])
+
+
+def _lean(module: export.Exported) -> contextlib.AbstractContextManager[None]:
+    """Where a module that has no use for LAPACK is lowered without it; of another release of JAX, with it."""
+    if b"lapack" in module.mlir_module_serialized:
+        return contextlib.nullcontext()
+    try:
+        from ._jax_cache import without_lapack
+    except (ImportError, AttributeError):
+        return contextlib.nullcontext()
+    return without_lapack()
 
 
 def _key(settings: str) -> str:

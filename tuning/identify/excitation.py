@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.stats import qmc
 
 import agvjax
 
@@ -77,6 +76,8 @@ class Designer:
 
     def suggest(self, candidates: int, seed: int, tick: Callable[[str], object] = lambda text: None) -> Drive:
         """The best of so many candidates: that after which the deadzones, or else all parameters, are known best."""
+        from scipy.stats import qmc  # late: a second that few runs need
+
         judged = np.array([q.name.startswith("deadzone.") for q in self.parameters])
         judged = judged if judged.any() else ~judged
         size = np.maximum(np.abs(self.p), [max(q.floor, 1e-6) for q in self.parameters])

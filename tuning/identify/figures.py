@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from agvjax import Deadzone
+from agvjax.draw import plot
 
 from .excitation import Drive
 from .fit import Fit, Task
@@ -17,6 +17,10 @@ from .log import Log, columns_of
 from .plain import twists
 from .predict import Prediction
 from .verdict import FitVerdict
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 DRAWN = 300  # deadzones that make a band
 ACROSS, SHOWN = 3, 9  # pictures beside each other, and in all: of more logs the worst
@@ -34,7 +38,7 @@ def fitted(task: Task, verdict: FitVerdict) -> dict[str, list[str]]:
 def deadzones(task: Task, fit: Fit, verdict: FitVerdict, seed: int = 0) -> Figure:
     """What each actuator delivers, with its band, above how often each command came."""
     names, scenario, actuators = [e.name for e in verdict.estimates], task.model.scenario, fitted(task, verdict)
-    figure = Figure(figsize=(4.6 * len(actuators), 4.6), layout="constrained")
+    figure = plot.sheet((4.6 * len(actuators), 4.6))
     axes = np.atleast_2d(figure.subplots(2, len(actuators), height_ratios=(3, 1), sharex="col", squeeze=False))
     rng = np.random.default_rng(seed)
     for column, (actuator, parts) in enumerate(actuators.items()):  # the other parts are as they were assumed
@@ -73,7 +77,7 @@ def _tiles(count: int, height: float) -> tuple[Figure, Sequence[Axes]]:
     """A figure of so many axes, some beside and some below each other, each `height` inch high."""
     columns = min(count, ACROSS)
     rows = -(-count // columns)
-    figure = Figure(figsize=(5.2 * columns, height * rows), layout="constrained")
+    figure = plot.sheet((5.2 * columns, height * rows))
     axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for axis in axes[count:]:
         axis.remove()
@@ -104,7 +108,7 @@ def _delivered(numbers: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def coverage(logs: Sequence[Log]) -> Figure:
     """Speed and yaw rate, as the poses of the logs tell them."""
-    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+    figure = plot.sheet((5.2, 4.2))
     axis = figure.subplots()
     for log in logs:
         moved = twists(log)
@@ -118,7 +122,7 @@ def coverage(logs: Sequence[Log]) -> Figure:
 def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
     """What the model leaves unexplained, in standard deviations, over time; and its distribution beside the normal."""
     channels = fit.model.channels
-    figure = Figure(figsize=(10, 1.5 * len(channels) + 0.6), layout="constrained")
+    figure = plot.sheet((10, 1.5 * len(channels) + 0.6))
     axes = figure.subplots(len(channels), 2, width_ratios=(5, 1), sharey=True, squeeze=False)
     kept, t = fit.segments.weight > 0, fit.segments.t
     z = np.linspace(-4, 4, 200)
@@ -178,7 +182,7 @@ def predictions(logs: Sequence[Prediction]) -> Figure:
 
 def drive(suggested: Drive) -> Figure:
     """Commands of a suggested drive and where it leads."""
-    figure = Figure(figsize=(11, 4), layout="constrained")
+    figure = plot.sheet((11, 4))
     left, right = figure.subplots(1, 2, width_ratios=(2, 1))
     for name, u in zip(suggested.commands, suggested.inputs.T, strict=True):
         left.plot(suggested.t, u, lw=0.8, label=name)

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from agvjax import InputError
 
@@ -112,6 +110,8 @@ class Search:
 
         gap = 1e-6 * (high - low)
         first = np.clip(p[free], low + gap, high - gap)
+        from scipy.optimize import least_squares  # late, as below: `agvjax log` fits nothing
+
         done = least_squares(
             lambda x: self.triangle(whole(x), free)[0],
             first,
@@ -207,6 +207,8 @@ def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed:
     """Nominal first, then Sobol points: slopes within three times, thresholds up to a half of the largest command."""
     amplitudes = wavy & np.array([q.name != OMEGA for q in parameters])
     p = np.where(amplitudes, 0.0, wanted.values(parameters))
+    from scipy.stats import qmc
+
     shares = qmc.Sobol(len(p), rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[: count - 1]
 
     def moved(q: Parameter, nominal: float, share: float) -> float:

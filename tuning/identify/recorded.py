@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..io.logs.recording import Recording, Stream
 from ..io.logs.roles import Role, missing, roles_of
@@ -18,6 +17,9 @@ from ..io.pictures import write_figures
 from .coverage import motions
 from .log import POSE, Log
 from .plain import twists
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 UNITS = {"cmd_v": "m/s", "cmd_w": "rad/s", "speed_cmd": "m/s", "steering_angle_cmd": "rad"}
 COMMANDS = tuple(UNITS)

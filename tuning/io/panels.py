@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
+
+from agvjax.draw import plot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def panels(
@@ -20,7 +24,7 @@ def panels(
         lines: where grid lines are, at "major" ticks or at "both" kinds.
         **shared: as `Figure.subplots` takes it.
     """
-    figure = Figure(figsize=size, layout="constrained")
+    figure = plot.sheet(size)
     grid = figure.subplots(rows, columns, squeeze=False, **shared)
     for axes in grid.flat:
         axes.grid(alpha=0.3, which=lines)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
+
+from agvjax.draw import plot
 
 from .files import write_by
 
-Drawing = Callable[[], Figure]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Drawing = Callable[[], "Figure"]
 FAILURES = (ValueError, ArithmeticError)  # of NumPy and matplotlib where numbers are too large, not finite or none
 
 
@@ -37,6 +42,6 @@ def _write(path: Path, figure: Figure) -> None:
 
 
 def _words(text: str) -> Figure:
-    figure = Figure(figsize=(7.5, 0.8))
+    figure = plot.sheet((7.5, 0.8), layout=None)
     figure.text(0.5, 0.5, text, ha="center", va="center", fontsize=9, parse_math=False)
     return figure

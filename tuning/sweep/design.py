@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
-from scipy.stats import qmc
 
 import agvjax
 from agvjax.leaves import get, unit_of
@@ -196,6 +195,8 @@ def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: in
     if method == "random":
         return np.concatenate([uniform(seed, f"{a.name}#{PART}", count, 1, first) for a in axes], axis=1)
     if method == "sobol":  # shifted as a whole, at random, which keeps what Sobol points have in common
+        from scipy.stats import qmc  # late: a second that few runs need
+
         sequence = qmc.Sobol(len(axes), scramble=False)
         whole = count if first else 1 << (count - 1).bit_length()  # the first power of two: else SciPy warns
         points = (sequence.fast_forward(first) if first else sequence).random(whole)[:count]
@@ -207,6 +208,8 @@ def _points(method: str, axes: tuple[Axis, ...], base: int, seed: int, first: in
 def _table(method: str, width: int, base: int, seed: int) -> np.ndarray:
     """A design that is made as a whole; by SALib for Sobol indices (Saltelli's scheme) or for Morris' screening."""
     if method == "latin":
+        from scipy.stats import qmc
+
         random: Any = {"seed": np.random.default_rng(seed)}  # `rng` since SciPy 1.15, which takes either
         return qmc.LatinHypercube(width, **random).random(base)
     from SALib.sample import morris, sobol  # an extra, and slow to import

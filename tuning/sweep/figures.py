@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import CenteredNorm, LogNorm, Normalize
-from matplotlib.figure import Figure
 
-from agvjax.draw.plot import shown
+from agvjax.draw import plot
 from agvjax.metric_table import METRICS
 
 from ..io.pictures import Drawing
 from .design import Axis, Design
 from .findings import Index, cut, interval
 from .results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_MAPS = 6  # maps of so many metrics
 CUTS = 6  # axes shown
@@ -84,7 +84,7 @@ def _panel(axes: Axes, results: Results, picture: np.ndarray, bad: np.ndarray, n
     plan = results.design
     first, second = (plan.grid[i] for i in _mapped(plan))
     (x, x0), (y, y0) = scale(plan, first), scale(plan, second)
-    axes.pcolormesh(x, y, shown(picture).T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
+    axes.pcolormesh(x, y, plot.shown(picture).T, shading="nearest", norm=norm, cmap=colours, rasterized=True)
     axes.set_facecolor("0.25")  # where every run diverged, or came to more than a figure can show
     if bad.any() and not bad.all():
         axes.contour(x, y, bad.T.astype(float), levels=[0.5], colors="red", linewidths=1.5)
@@ -96,7 +96,9 @@ def _maps(
     results: Results, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], norm: Any, colours: str, **bar: Any
 ) -> Figure:
     """Maps beside each other with one colour bar: of each, by its title, the picture and where something fails."""
-    figure = Figure(figsize=(4.6 * len(maps) + 1, 4.2), layout="constrained")
+    from matplotlib.cm import ScalarMappable
+
+    figure = plot.sheet((4.6 * len(maps) + 1, 4.2))
     panels = np.ravel(figure.subplots(1, len(maps), squeeze=False))
     for axes, (title, (picture, bad)) in zip(panels, maps.items(), strict=True):
         _panel(axes, results, picture, bad, norm, colours)
@@ -107,12 +109,14 @@ def _maps(
 
 def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
     """Mean of a metric over the samples, on the first two axes; red: beyond it some run fails; star: nominal."""
+    from matplotlib.colors import LogNorm, Normalize
+
     pictures = {}
     for name, values, failed in zip(results.names[:MAPS], results.metrics[metric], which, strict=False):
         bad = _on_map(results, failed, np.any)
         some = ": everywhere a run fails" if bad.all() else "" if bad.any() else ": nothing fails"
         pictures[name + some] = _on_map(results, values, _finite_mean), bad
-    finite = np.concatenate([picture[np.isfinite(shown(picture))] for picture, _ in pictures.values()])
+    finite = np.concatenate([picture[np.isfinite(plot.shown(picture))] for picture, _ in pictures.values()])
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
     high = max(high, low + 1e-3 * abs(low) + 1e-12)  # also of a metric that is the same everywhere
     norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
@@ -121,6 +125,8 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
 
 def failure_map(results: Results, which: np.ndarray) -> Figure:
     """Share of the runs that fail, on the first two axes."""
+    from matplotlib.colors import Normalize
+
     shares = {name: _on_map(results, bad, np.mean) for name, bad in zip(results.names[:MAPS], which, strict=False)}
     pictures = {name: (share, share > 0) for name, share in shares.items()}
     return _maps(results, pictures, Normalize(0, 1), "magma", label="share of runs that fail")
@@ -132,7 +138,7 @@ def failures_along(results: Results, which: np.ndarray) -> Figure:
     (place,) = _mapped(plan)
     axis = plan.grid[place]
     x, nominal = scale(plan, axis)
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    figure = plot.sheet((6.4, 3.6))
     axes = figure.subplots()
     for i, (name, bad) in enumerate(zip(results.names, which, strict=True)):
         each = np.moveaxis(plan.whole(bad), place, 0).reshape(axis.points, -1)
@@ -148,10 +154,12 @@ def failures_along(results: Results, which: np.ndarray) -> Figure:
 
 def difference(results: Results, metric: str, which: np.ndarray, other: int) -> Figure:
     """Change of a metric from the first controller to another, where neither diverges."""
+    from matplotlib.colors import CenteredNorm
+
     first, second = (_on_map(results, results.metrics[metric][i], _finite_mean) for i in (0, other))
     with np.errstate(invalid="ignore"):
         change = 100 * (second / first - 1)
-    finite = np.abs(change[np.isfinite(shown(change))])
+    finite = np.abs(change[np.isfinite(plot.shown(change))])
     reach = max(float(np.quantile(finite, 0.98)), 1e-9) if finite.size else 1.0
     title = f"{results.names[other]} against {results.names[0]}"
     pictures = {title: (change, _on_map(results, which[0] | which[other], np.any))}
@@ -171,19 +179,19 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
     plan = results.design
     shares = plan.shares(0, plan.size)
     every = _telling(results, metrics[0], shares)
-    figure = Figure(figsize=(max(3.6 * len(every) + 0.6, 6.4), 2.9 * len(metrics) + 0.5), layout="constrained")
+    figure = plot.sheet((max(3.6 * len(every) + 0.6, 6.4), 2.9 * len(metrics) + 0.5))
     panels = figure.subplots(len(metrics), len(every), squeeze=False)
     for row, metric in zip(panels, metrics, strict=True):
         for axes, (place, axis) in zip(row, every, strict=True):
             for i, name in enumerate(results.names):
                 at, statistics = cut(results, results.metrics[metric][i], place, shares)
-                low, median, high, largest = shown(statistics).T
+                low, median, high, largest = plot.shown(statistics).T
                 x, _ = scale(plan, axis, at)
                 axes.fill_between(x, low, high, color=f"C{i}", alpha=0.2, lw=0)
                 axes.plot(x, median, color=f"C{i}", lw=1.4, label=name)
                 axes.plot(x, largest, color=f"C{i}", lw=0.8, ls=":")
             axes.axvline(scale(plan, axis)[1], color="0.6", lw=0.8, zorder=0)
-            if np.isfinite(shown(bounds.get(metric, np.nan))):
+            if np.isfinite(plot.shown(bounds.get(metric, np.nan))):
                 axes.axhline(bounds[metric], color="red", lw=0.8)
             axes.grid(alpha=0.25)
             axes.set_xlabel(label(plan, axis), fontsize=8)
@@ -209,14 +217,14 @@ def _telling(results: Results, metric: str, shares: np.ndarray) -> list[tuple[in
 def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
     """Share of the runs beyond a value, for every metric and controller."""
     columns, rows = min(3, len(results.metrics)), -(-len(results.metrics) // 3)
-    figure = Figure(figsize=(3.6 * columns + 0.4, 2.8 * rows), layout="constrained")
+    figure = plot.sheet((3.6 * columns + 0.4, 2.8 * rows))
     panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
     for axes, (metric, of_each) in zip(panels, results.metrics.items(), strict=False):
         for name, values in zip(results.names, np.sort(of_each), strict=True):
             places = np.unique(np.linspace(0, values.size - 1, 2000).astype(int))
-            places = places[np.isfinite(shown(values[places]))]
+            places = places[np.isfinite(plot.shown(values[places]))]
             axes.semilogy(values[places], 1 - places / values.size, lw=1.3, label=name)
-        if np.isfinite(shown(bounds.get(metric, np.nan))):
+        if np.isfinite(plot.shown(bounds.get(metric, np.nan))):
             axes.axvline(bounds[metric], color="red", lw=0.8)
         axes.set(xlabel=_with_unit(metric))
         axes.grid(alpha=0.25)
@@ -232,7 +240,7 @@ def sensitivity(of_metric: Mapping[str, list[Index]], method: str) -> Figure:
     names = {"saltelli": ("first order", "total"), "morris": ("mean |effect|", "its standard deviation")}[method]
     rows = [(metric, indices) for metric, indices in of_metric.items() if indices]
     count = max(len(indices) for _, indices in rows)
-    figure = Figure(figsize=(4.0 * len(rows), 0.32 * count + 1.3), layout="constrained")
+    figure = plot.sheet((4.0 * len(rows), 0.32 * count + 1.3))
     panels = np.ravel(figure.subplots(1, len(rows), squeeze=False, sharey=True))
     for axes, (metric, indices) in zip(panels, rows, strict=True):
         place = np.arange(len(indices))

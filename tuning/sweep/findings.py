@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
 
 from ..config.settings import Bound
 from .design import LEVELS, SENSITIVITY, Axis, Design, unit_problem
@@ -58,6 +57,8 @@ def failures(results: Results, which: np.ndarray) -> list[Failures]:
 
 def interval(count: int, size: int) -> tuple[float, float]:
     """The probability of an event seen `count` times in `size` independent tries, with a confidence of 95 %."""
+    from scipy.stats import binomtest  # late: a second that few runs need
+
     ends = binomtest(count, size).proportion_ci(CONFIDENCE, method="exact")
     return float(ends.low), float(ends.high)
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 import agvjax
 from agvjax.draw import plot
@@ -16,6 +14,10 @@ from ..io.panels import panels
 from .analysis import Findings, Standing
 from .methods.objective import FEASIBLE
 from .rounds import COLUMNS, Run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LETTERS = 95  # that fit beside each other below a panel, with 6 for each line
 COLOURS = 10  # that lines have before they repeat
@@ -66,6 +68,8 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
 
 def _readable(norm: Axes, gain: Axes, names: Sequence[str]) -> None:
     """Plain numbers on both, and below the gains their names in columns."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+
     if not norm.lines:
         norm.text(0.5, 0.5, "best gains: found without gradients", ha="center", transform=norm.transAxes, fontsize=9)
         norm.set(yticks=[])
@@ -102,7 +106,7 @@ def sensitivity_figure(findings: Findings) -> Figure:
     """By how much each gain moves each requirement."""
     names, rows = findings.names, findings.standings
     table = plot.shown(np.array([s.slopes for s in rows]))
-    figure = Figure(figsize=(1.6 + 0.75 * len(names), 1.2 + 0.42 * len(rows)), layout="constrained")
+    figure = plot.sheet((1.6 + 0.75 * len(names), 1.2 + 0.42 * len(rows)))
     axes = figure.add_subplot()
     top = max(np.abs(np.nan_to_num(table)).max(), 1e-6)
     axes.imshow(table, cmap="RdBu_r", vmin=-top, vmax=top, aspect="auto")
@@ -125,7 +129,7 @@ def tracking_figure(
 ) -> Figure:
     """Path with the `points` that it was laid through, size of the errors and of the commands, before and after."""
     runs = {"starting gains": before, "tuned": after}
-    figure = Figure(figsize=(10, 5.6), layout="constrained")
+    figure = plot.sheet((10, 5.6))
     figure.suptitle(title, fontsize=10)
     heading = np.shape(before.command)[-1] == 3
     names = ["position", *(["heading"] if heading else []), "command"]

@@ -7,11 +7,11 @@ and a little more, and the search goes on. The coarser step errs by nearly the s
 from __future__ import annotations
 
 import dataclasses
-import functools
-from typing import Any
+from collections.abc import Callable
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 import agvjax
 from agvjax.margins import with_margins
@@ -26,14 +26,40 @@ from .problem import TuningProblem
 TURNS = 3  # times that bounds are tightened, at most
 
 
-def judged(config: Config, controller: Any, batch: agvjax.Batch) -> agvjax.Metrics:
-    """Metrics at the step of `simulate`, which is finer than that of tuning."""
-    loop = any(METRICS[name].loop for name in config.tune.limits)
-    criteria, timing = config.judged(smooth=True, delivered=True, loop=loop), config.timing()
-    evaluate = functools.partial(agvjax.evaluate, criteria=criteria, **timing)
-    law = agvjax.check(controller)
-    metrics = distributed.gathered(evaluate)(law, batch)
+def judged(
+    config: Config, controller: agvjax.Law, batch: agvjax.Batch, compiled: Callable[..., agvjax.Metrics] | None = None
+) -> agvjax.Metrics:
+    """Metrics at the step of `simulate`, which is finer than that of tuning; by what was `compiled` before, if it was.
+
+    That is for `judgement` of a batch of this size.
+    """
+    timing, criteria, law = config.timing(), _criteria(config), agvjax.check(controller)
+    if compiled is None:
+        evaluate = distributed.gathered(lambda *given: _evaluated(config, *given))
+        metrics = evaluate(law, batch, criteria, timing.dt)
+    else:
+        metrics = compiled(*jax.tree.leaves((law, batch, criteria, timing.dt)))
     return jax.tree.map(np.asarray, with_margins(metrics, law, batch, timing=timing, criteria=criteria))
+
+
+def judgement(
+    config: Config, controller: agvjax.Law, batch: agvjax.Batch
+) -> tuple[Callable[..., agvjax.Metrics], list[ArrayLike]]:
+    """What `judged` computes, as a function of plain arrays, and these."""
+    example = (agvjax.check(controller), batch, _criteria(config), config.timing().dt)
+    parts, structure = jax.tree.flatten(example)
+    return lambda *parts: _evaluated(config, *jax.tree.unflatten(structure, parts)), parts
+
+
+def _criteria(config: Config) -> agvjax.Criteria:
+    loop = any(METRICS[name].loop for name in config.tune.limits)
+    return config.judged(smooth=True, delivered=True, loop=loop)
+
+
+def _evaluated(
+    config: Config, law: agvjax.Law, batch: agvjax.Batch, criteria: agvjax.Criteria, dt: ArrayLike
+) -> agvjax.Metrics:
+    return agvjax.evaluate(law, batch, criteria=criteria, **{**config.timing(), "dt": dt})
 
 
 def validation(config: Config) -> agvjax.Batch:
@@ -48,10 +74,11 @@ def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]
     return agvjax.batch(config.scenario, values), unseen
 
 
-def before_and_after(problem: TuningProblem, controller: Any) -> tuple[agvjax.Metrics, agvjax.Metrics]:
+def before_and_after(problem: TuningProblem, controller: agvjax.Law) -> tuple[agvjax.Metrics, agvjax.Metrics]:
     """Metrics of `seen_and_unseen` with the starting gains and with a controller."""
     both, _ = seen_and_unseen(problem)
-    before, after = (judged(problem.config, law, both) for law in (problem.config.controller, controller))
+    laws = (problem.config.controller, controller)
+    before, after = (judged(problem.config, law, both, problem.judgement) for law in laws)
     return before, after
 
 

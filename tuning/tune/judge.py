@@ -109,9 +109,11 @@ def _start_at_worst(outcome: Outcome) -> dict[str, float]:
     """By metric its value with the starting gains in the worst scenario that was found of it."""
     if not outcome.found:
         return {}
-    config = outcome.problem.config
-    leaves = {name: np.stack([one.scenario[name] for one in outcome.found]) for name in outcome.found[0].scenario}
-    metrics = judged(config, config.controller, agvjax.batch(config.scenario, leaves))
+    config, compiled = outcome.problem.config, outcome.problem.judgement
+    size = len(outcome.found) if compiled is None else seen_and_unseen(outcome.problem)[0].size
+    each = np.arange(size) % len(outcome.found)  # over and over, as many as what is compiled takes
+    leaves = {name: np.stack([one.scenario[name] for one in outcome.found])[each] for name in outcome.found[0].scenario}
+    metrics = judged(config, config.controller, agvjax.batch(config.scenario, leaves), compiled)
     return {one.metric: float(metrics[one.metric][i]) for i, one in enumerate(outcome.found)}
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 import agvjax
+from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
 
 from ..config import mapped
-from ..config.settings import FOLLOWED_METRICS, LATE
+from ..config.settings import FOLLOWED_METRICS, LATE, Config
 from ..ensemble.worst import statement
 from ..io import files
 from ..io.pages import grid, meanings, picture, publish
@@ -246,6 +247,19 @@ def _cut(problem: Any) -> str:
     return f", except the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
 
 
+def prepare(config: Config) -> None:
+    """Import what draws, compile the run that is drawn: called in the background while a search computes."""
+    plot.sheet((1.0, 1.0))
+    _run(config, config.controller, config.scenario)
+
+
+def _run(config: Config, law: agvjax.Law, scene: agvjax.Scenario) -> agvjax.Trajectory:
+    """The run that is drawn."""
+    timing, every = config.timing(), config.simulate.save_every
+    run = agvjax.simulate(agvjax.check(law), agvjax.check(scene), save_every=every, **timing)
+    return mapped.drawn(run, scene)
+
+
 def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "") -> str:
     """Report, with an appendix, figures and `worst.json` into a folder; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
@@ -254,15 +268,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
     drawings: dict[str, Drawing] = {}
     for name, (title, scene) in scenes.items():
-        before, after = (
-            mapped.drawn(
-                agvjax.simulate(
-                    agvjax.check(law), agvjax.check(scene), save_every=config.simulate.save_every, **config.timing()
-                ),
-                scene,
-            )
-            for law in (config.controller, outcome.controller)
-        )
+        before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
         drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path))
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)

@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from ..config.settings import Tune
+from ..ensemble.sobol import sobol
 from .methods.method import Progress
 from .methods.objective import FEASIBLE, Objective, Score
-from .screen import Screen, sobol
+from .screen import Screen
 from .tuner import HISTORY, Tuner
 
 if TYPE_CHECKING:

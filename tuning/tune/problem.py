@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
@@ -18,11 +18,12 @@ from agvjax.leaves import rule_of
 from ..config import check
 from ..config.settings import Config, Tune
 from ..ensemble.draws import sample
+from ..ensemble.sobol import sobol
 from ..ensemble.worst import Adversary, batch_of
 from .gains import Gains, own
 from .methods.objective import STATISTICS, Objective, Requirement
 from .rules import faults
-from .screen import Screen, sobol
+from .screen import Screen
 from .tuner import Tuner
 
 
@@ -34,6 +35,7 @@ class TuningProblem(NamedTuple):
     adversary: Adversary
     screen: Screen | None = None  # what looks at many gain sets before the search
     first: tuple[str, ...] = ()  # gains that are tuned before the others may move; (): all at once
+    judgement: Callable[..., agvjax.Metrics] | None = None  # of `finer.judged`, compiled before
 
     @property
     def moving(self) -> np.ndarray:

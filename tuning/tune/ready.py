@@ -7,10 +7,10 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..compute.compiled import Ahead, meanwhile
+from ..compute.compiled import Ahead
 from ..compute.processes import joined
 from ..config import dump
-from .finer import judged, seen_and_unseen
+from .finer import judgement, seen_and_unseen
 from .problem import TuningProblem
 from .screen import Screen
 
@@ -37,8 +37,10 @@ def readied(problem: TuningProblem) -> TuningProblem:
     shares, scenarios = adversary.examples()
     climb = Ahead(adversary.climb, settings + "climb", z, jnp.asarray(shares, z.dtype), after=jacobian)
     look = Ahead(adversary.look, settings + "look", z, scenarios, after=jacobian)
-    meanwhile(judged, config, config.controller, seen_and_unseen(problem)[0])
-    return problem._replace(adversary=dataclasses.replace(adversary, compiled=(climb, look)), screen=looked)
+    judge, parts = judgement(config, config.controller, seen_and_unseen(problem)[0])
+    judged = Ahead(judge, settings + "judged", *parts, after=jacobian)
+    adversary = dataclasses.replace(adversary, compiled=(climb, look))
+    return problem._replace(adversary=adversary, screen=looked, judgement=judged)
 
 
 def _screened(problem: TuningProblem) -> Screen | None:

@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.stats import qmc
 
+from ..ensemble.sobol import sobol
 from .methods.objective import Objective, Score
 from .tuner import Tuner
 
@@ -29,12 +29,6 @@ LANES = 1024  # runs at a time, so that one compilation serves any number
 REACHES = (1, 3, 6)  # a third of the sets each, as powers of `tune.spread`: 3, 27 and 729 times, either way
 NEARER = (0.1, 0.3, 1)  # the same about gains that were tuned already
 APART = 0.7  # between places to begin at, in the coordinates: one gain about twice as large
-
-
-def sobol(count: int, size: int, seed: int) -> np.ndarray:
-    """Sobol points in the unit cube (count, size), all moved by one random vector, modulo 1."""
-    points = qmc.Sobol(size, scramble=False).random_base2(int(np.ceil(np.log2(count + 1))))[1 : count + 1]
-    return (points + np.random.default_rng(seed).random(size)) % 1
 
 
 class Screened(NamedTuple):

@@ -4,14 +4,17 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from scipy import stats
+from scipy.stats import qmc
 
 import agvjax
 from agvjax import Scenario
 from tuning import Between, Config, Distribution, OneOf, Search, Simulate, Times, pose, sample, solve
 from tuning.config.settings import Ensemble, Tune, Weights
-from tuning.ensemble.worst import Adversary, Box, batch_of, statement
+from tuning.ensemble.sobol import FIRST, sobol
+from tuning.ensemble.worst import LEAST, MOST, Adversary, Box, Rise, batch_of, statement
 
 pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 
@@ -187,3 +190,27 @@ def test_a_thousand_rollouts_find_what_a_hundred_thousand_samples_do_not_beat(ga
         for name, draw in draws.items():
             low, high = draw.box(np.asarray(agvjax.leaves(Scenario())[name]))
             assert np.all((f.scenario[name] >= low - 1e-12) & (f.scenario[name] <= high + 1e-12)), name
+
+
+# ------------------------------------------------------------------------------------- what others have, without them
+
+
+@pytest.mark.parametrize("size", [1, 7, len(FIRST) + 1, len(FIRST) + 2])
+def test_sobol_points_are_those_of_scipy(size):
+    shift = np.random.default_rng(3).random(size)
+    theirs = (qmc.Sobol(size, scramble=False).random_base2(9)[1:301] + shift) % 1
+    np.testing.assert_array_equal(sobol(300, size, 3), theirs)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_an_ascent_steps_as_optax_does(dtype):
+    draw, u = np.random.default_rng(0), np.full((3, 5), 0.5, dtype)
+    theirs = optax.rprop(0.25, min_step_size=LEAST, max_step_size=MOST)
+    state, rise = theirs.init(jnp.asarray(u)), Rise.begin(u)
+    for _ in range(40):
+        slope = draw.standard_normal(u.shape).astype(dtype)
+        slope[0, 0], slope[1, 1] = 0.0, np.nan
+        change, state = theirs.update(jnp.asarray(-slope), state)
+        ours, rise = rise.step(slope)
+        assert ours.dtype == dtype
+        np.testing.assert_array_equal(ours, change)

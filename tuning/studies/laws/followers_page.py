@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...config import gains_table
 from ...config.settings import Config
@@ -18,6 +18,9 @@ from ...io.pictures import write_figures
 from ...tune.gains import value_of
 from ...tune.meanings import of_gains
 from .followers import LABELS, Comparison, Tuned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COMPARED = (
     "RMS distance to the route on unseen vehicles, with each law's own gains (grey) and tuned (blue): median, quartiles"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import agvjax
 from agvjax.leaves import spread
@@ -21,6 +21,9 @@ from ...tune.meanings import of_gains
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from control import StateSpace
-from matplotlib.figure import Figure
 
 from agvjax.draw import plot
 
 from ...io.panels import panels
 from .cycles import Curve, crossings
 from .loops import frequencies
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
 

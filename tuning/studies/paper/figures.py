@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 import agvjax
 from agvjax.draw import plot
@@ -20,6 +18,9 @@ from . import proof as theory
 from .bounds import Report
 from .cases import LABELS, Judged
 from .published import CHANNELS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REFERENCE = {"color": "0.6", "lw": 2.4, "ls": "-", "zorder": 1}
 STYLES = (  # told apart by dashes alone, and from dark to light
@@ -140,6 +141,8 @@ def b1(rows: Sequence[Mapping[str, float]], k2: float) -> Figure:
 
 def bandwidth(judged: Judged) -> Figure:
     """RMSE over the lap and after 4 s by channel, all five laws."""
+    from matplotlib.ticker import NullFormatter
+
     figure, grid = panels(2, 3, (9, 5.4), "both", sharex=True)
     for style, law in zip(STYLES, ("proposed", "osfc", "asmc", "dfc", "ftsmc"), strict=True):
         runs = [judged[f"{law} p={p:g}"].judged for p in cases.BANDWIDTHS]
@@ -235,7 +238,7 @@ def lyapunov(
 
 def vacuity(reports: Sequence[Report]) -> Figure:
     """Histograms of bound over observed error, printed and corrected."""
-    figure = Figure(figsize=(8.5, 3.4), layout="constrained")
+    figure = plot.sheet((8.5, 3.4))
     for i, (axes, word) in enumerate(zip(figure.subplots(1, 2), ("position, |Z1|", "heading, |Z3|"), strict=True)):
         printed, corrected = ([getattr(r, n)[i] / r.observed[i] for r in reports] for n in ("printed", "corrected"))
         edges = np.geomspace(1, 2 * max(*printed, *corrected), 40)

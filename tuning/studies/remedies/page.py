@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import agvjax
 from agvjax.metric_table import METRICS
@@ -23,6 +23,9 @@ from ..captions import caption, image
 from .remedies import LABELS
 from .study import Judged, Study
 from .words import metric_of, rows, statements
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COMMAND = "agvjax compare --deadzone"
 

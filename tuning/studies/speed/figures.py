@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from agvjax.draw import plot
 
@@ -15,6 +14,9 @@ from ...io.panels import panels
 from .place import Place
 from .study import late
 from .tried import Answer, Tried
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DOTS = 1500  # along a run, coloured by distance
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from agvjax.draw import animate, plot
+from agvjax.draw import plot
 
 from ... import config as configuration
 from ...io import files
@@ -18,6 +17,9 @@ from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import Drawing, write_figures
 from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MEASURED = ("largest after 4 s [mm]", "RMSE [m]", "settles [s]")
 CAPTIONS = {
@@ -44,6 +46,8 @@ def write(study: Study, out: Path) -> str:
         drawings["robot"] = lambda: _robots(study)
     lost = write_figures(out, drawings)
     if study.robot:
+        from agvjax.draw import animate  # late: no other command's page moves
+
         moving = _robot_runs(study, SHOWN)
         files.write_by(out / "robot.gif", lambda file: animate.write_gif(animate.animation(moving), file))
     text = page(study)
@@ -171,7 +175,7 @@ COLOURS = ("tab:blue", "tab:orange", "tab:red", "tab:purple", "tab:brown", "tab:
 
 
 def _paths(drawn: Mapping[str, Any]) -> Figure:
-    figure = Figure(figsize=(9, 4), layout="constrained")
+    figure = plot.sheet((9, 4))
     left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
     plot.draw_path(left, drawn)
     for name, run in drawn.items():
@@ -189,7 +193,7 @@ def _robot_runs(study: Study, path: str) -> dict[str, Any]:
 
 def _robots(study: Study) -> Figure:
     paths = list(dict.fromkeys(row["path"] for row in study.robot))
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
+    figure = plot.sheet((9, 3.4))
     places = figure.subplots(1, len(paths))
     for axes, path in zip(places, paths, strict=True):
         plot.draw_path(axes, _robot_runs(study, path))

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from agvjax import Fault
+from agvjax.gradient import MOST_FORWARD
 
 from ...config.settings import Config, Tune
 from .objective import Objective, Score
@@ -18,7 +19,6 @@ from .objective import Objective, Score
 if TYPE_CHECKING:
     from ..tuner import Tuner
 
-MOST_FORWARD = 30  # gains up to which forward mode costs less than reverse mode; see benchmarks/gradient.py
 Scenarios = Mapping[str, np.ndarray]  # the leaves that vary, (B, ...)
 Model = tuple[Array, Array, Array]  # values (M, B), ok (B,) and slopes (K, M, B)
 

@@ -144,7 +144,7 @@ class Objective(NamedTuple):
                 f"every one of the {kept.size} runs diverges with the starting gains: there is nothing to tune from"
             )
         sound = self._replace(weights=self.shares(kept.size)[kept])
-        found = np.asarray(sound.statistics(jnp.asarray(values)[:, kept]))
+        found = np.asarray(jax.jit(sound.statistics)(np.asarray(values)[:, kept]))
         for requirement, place in zip(self.requirements, self.places, strict=True):
             value = requirement.sign * found[place]
             if not requirement.absolute and not value > 0:

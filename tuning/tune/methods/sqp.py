@@ -11,17 +11,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import clarabel
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy import sparse
 
 from agvjax import Fault
 
 from ...config.settings import Config
 from .method import Look, Method, Model, Progress, Scenarios
 from .objective import Objective
+from .quadratic import quadratic
 
 if TYPE_CHECKING:
     from ..tuner import Tuner
@@ -261,7 +260,7 @@ def solve(
     room = np.concatenate([*rooms, np.full(2 * count, radius), np.zeros(len(positive))])
     curvature = np.zeros((width, width))
     curvature[:count, :count] = 0.0 if hessian is None else hessian
-    x, duals, value = _quadratic(curvature, cost, matrix, room)
+    x, duals, value = quadratic(curvature, cost, matrix, room)
     weights = np.zeros_like(values)
     prices = np.zeros(len(objective.requirements))
     for i, row, weighs in parts:
@@ -269,18 +268,3 @@ def solve(
         prices[i] += share.sum()
         weights[objective.places[i][1]] += share @ weighs / units[i]
     return Solution(x[:count], value, prices[goals:], weights)
-
-
-def _quadratic(hessian: np.ndarray, cost: np.ndarray, matrix: np.ndarray, room: np.ndarray) -> Any:
-    """Unknowns, duals and value of: minimise x' hessian x / 2 + cost' x subject to matrix x <= room."""
-    solver: Any = clarabel  # its stubs lack these names
-    settings = solver.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    cones = [solver.NonnegativeConeT(len(room))]
-    upper = sparse.triu(sparse.csc_matrix(hessian)).tocsc()
-    rows = sparse.csc_matrix(matrix)
-    found = solver.DefaultSolver(upper, cost, rows, room, cones, settings).solve()
-    if str(found.status) not in ("Solved", "AlmostSolved"):
-        raise RuntimeError(f"the linearised tuning problem could not be solved: {found.status}")
-    return np.array(found.x), np.array(found.z), float(found.obj_val)

@@ -3,10 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.optimize import LinearConstraint, linprog, minimize
 
 from tuning import Objective, Requirement, within
 from tuning.tune.methods import sqp
+from tuning.tune.methods.quadratic import Columns
 
 MEAN, WORST = (Requirement("total_rmse", "mean", 1.0),), (Requirement("total_rmse", "worst", 1.0),)
 EFFORT = (Requirement("effort", "mean", 1.0),)  # a limit
@@ -160,3 +162,13 @@ def test_limits_that_cannot_be_kept_end_where_the_excess_is_least():
 def test_limits_on_mean_and_worst_are_two():
     names = ["mean effort", "mean total_chatter", "worst effort", "worst total_chatter"]
     assert [r.name for r in within({"effort": 1.0, "total_chatter": 2.0})] == names
+
+
+def test_a_matrix_is_handed_over_as_scipy_would():
+    draw = np.random.default_rng(2)
+    matrix = draw.standard_normal((30, 12)) * (draw.random((30, 12)) > 0.6)
+    matrix[:, [3, 11]] = 0.0  # also columns of nothing, the last too
+    ours, theirs = Columns.of(matrix), sparse.csc_matrix(matrix)
+    assert (ours.nnz, ours.shape) == (theirs.nnz, theirs.shape)
+    for name in ("data", "indices", "indptr"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
