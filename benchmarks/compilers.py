@@ -53,7 +53,8 @@ found = solve(tuning.pose(tuning.Config(
 print(json.dumps(dict(
     said=said, python=sys.version.split()[0], jax=jax.__version__, jaxlib=jaxlib.__version__,
     evaluate_ms=evaluate_ms, gradient_ms=gradient_ms, rollouts=np.asarray(rollouts).tolist(),
-    gradient=[float(x) for x in slopes.values()], search=np.nan_to_num(np.array(found.run.history, float)).ravel().tolist(),  # every point it looked at
+    gradient=[float(x) for x in slopes.values()],
+    search=np.nan_to_num(np.array(found.run.history, float)).ravel().tolist(),  # all that it looked at
 )))
 """
 
@@ -124,7 +125,7 @@ def both(name: str) -> list[dict[str, Any]]:
 
 
 def difference(ours: list[float], theirs: list[float]) -> float:
-    """The largest difference, relative to the largest number; infinite where there are more of one than of the other."""
+    """The largest difference, relative to the largest number; infinite where one has more numbers."""
     if len(ours) != len(theirs):
         return float("inf")
     size = max(map(abs, theirs))
