@@ -53,7 +53,8 @@ found = solve(tuning.pose(tuning.Config(
 print(json.dumps(dict(
     said=said, python=sys.version.split()[0], jax=jax.__version__, jaxlib=jaxlib.__version__,
     evaluate_ms=evaluate_ms, gradient_ms=gradient_ms, rollouts=np.asarray(rollouts).tolist(),
-    gradient=[float(x) for x in slopes.values()], search=[float(x) for x in found.run.lead.best_z],
+    gradient=[float(x) for x in slopes.values()],
+    search=np.nan_to_num(np.array(found.run.history, float)).ravel().tolist(),  # all that it looked at
 )))
 """
 
@@ -124,7 +125,9 @@ def both(name: str) -> list[dict[str, Any]]:
 
 
 def difference(ours: list[float], theirs: list[float]) -> float:
-    """The largest difference, relative to the largest number."""
+    """The largest difference, relative to the largest number; infinite where one has more numbers."""
+    if len(ours) != len(theirs):
+        return float("inf")
     size = max(map(abs, theirs))
     return max(abs(a - b) for a, b in zip(ours, theirs, strict=True)) / (size or 1.0)
 
