@@ -22,7 +22,7 @@ LASTS = 0.3  # correlation from one measurement to the next above which noise is
 SPAN = 0.1  # s, over which what is left grows
 EARLIER = np.arange(0.1, 1.25, 0.1)  # s, before which commands are looked at
 ENOUGH, COMPARED = 20, 200  # stretches below which nothing can be said, and above which only some are compared
-CHANCE = 3.5  # deviations from what chance does, which must be exceeded beside every case of chance that was tried
+CHANCE, RARE = 2.5, 0.95  # deviations from what chance does, and share of the cases of chance, to be exceeded
 UNEVEN = 1.75  # times what noise does, that what is left may vary from stretch to stretch
 ORDERS, SURE = 400, 0.99  # of the stretches, that are tried; share of them that must shift less
 EDGE = 0.1  # share of the stretches before and behind a change, at least
@@ -119,7 +119,8 @@ def follows(fit: Fit, logs: Sequence[Log]) -> dict[str, float]:
     chance = np.array([explained(k) for k in range(1, len(segments.t))])
     usual, spread = chance.mean(axis=0), np.maximum(chance.std(axis=0), 1e-300)
     share = explained(0) - usual
-    clear = share / spread > max(CHANCE, float(((chance - usual) / spread).max()))
+    most = ((chance - usual) / spread).max(axis=1)
+    clear = share / spread > max(CHANCE, float(np.quantile(most, RARE)))
     kinds = {GOES: [0, 1], TURNS: [2]}
     return {kind: float(share[of_it].max()) for kind, of_it in kinds.items() if clear[of_it].any()}
 
