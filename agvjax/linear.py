@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -26,6 +27,8 @@ TOGETHER = 16  # vehicles of a batch
 SLOWEST = 0.3  # rad/s, from which on a loop is looked at: in more than 20 s the run itself changes it
 GROWTH = 0.05  # 1/s: a mode that grows no faster is taken for one that stays, such as the place along a path
 FULL = 0.9  # of its usual effect on the state: with less an input is at a limit of the plant, such as an acceleration
+AHEAD = 2.0  # s, after which what is left of a motion is what the loop makes of it
+NEAR = 0.2  # of a mode's rate, within which a motion is that mode
 JUMP = 2.0  # 1/s, of the largest input: where what is asked for changes faster, a corner begins or ends
 
 
@@ -44,7 +47,7 @@ class Loops(NamedTuple):
     D: Any  # (K, Q + 1, m, m)
     inputs: Any  # (K, m), what the actuators are asked for there
     change: Any  # (K, m), of these from the period before or to the next one, the larger
-    changing: Any  # (K,), rad/s, how fast the vehicle turns, or changes its speed by it: so may the loop itself
+    changing: Any  # (K,), rad/s, how fast the vehicle turns, or changes its speed, or soon will: so may the loop itself
     effect: Any  # (K, m), of what is delivered on the state: less than elsewhere where the plant itself is at a limit
     limited: Any  # (K,), whether an actuator, or the law's own limit, is at its limit
     ok: Any  # (), whether the run stayed within `scenario.limit`
@@ -158,7 +161,7 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
         delayed = jnp.einsum("sjm,mj->sm", lines, shares)
         return _opened(rollout, timing, carry, rollout.table(number, every), delayed)
 
-    A, B, C, D, effect, slope = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
+    A, B, C, D, effect, slope, moved = jax.lax.map(lambda x: one(*x), (carries, numbers), batch_size=1)
     B, D = (_by_periods(x, shares, every) for x in (B, D))
     now = asked[numbers + slots]
     ahead = jnp.minimum(numbers + every, len(asked) - slots - 1)
@@ -166,6 +169,11 @@ def _linearised(controller: Law, scenario: Any, steps: Steps, timing: Timing) ->
     apart = (ahead - numbers).astype(rollout.dtype) * rollout.dt
     changing = _changing(found[1].heading.ravel(), found[1].velocity.reshape(-1, 2), numbers, ahead) / apart
     t, limited = samples.t[:, 0], samples.limited[:, :every].any(1)
+    if rollout.route is not None and rollout.controller.follows():
+        ago = [asked[jnp.maximum(numbers + slots - every * q, 0)] for q in range(B.shape[1])]
+        moved = jnp.concatenate([moved, *(newer - older for newer, older in itertools.pairwise(ago))], axis=1)
+        later = functools.partial(_carried_along, period=every * timing.dt)
+        changing = jnp.maximum(changing, jax.lax.map(lambda x: later(*x), (A, B, C, D, moved)))
     place = (now, change, changing, effect, limited, last.ok)
     return Loops(every * rollout.dt, t, A, B, C, D, *place, slope, history, rollout.dt)
 
@@ -179,6 +187,35 @@ def _changing(heading: Array, velocity: Array, now: Array, ahead: Array) -> Arra
     floor = jnp.maximum(0.1 * jnp.max(speed), jnp.finfo(speed.dtype).tiny)
     faster = jnp.abs(speed[ahead] - speed[now]) / jnp.maximum(speed[now], floor)
     return jnp.hypot(wrap(heading[ahead] - heading[now]), faster)
+
+
+def _carried_along(A: Array, B: Array, C: Array, D: Array, moved: Array, period: float) -> Array:
+    """How fast [1/s] a small lead grows that a vehicle has on its run, if the loop there makes a mode of it; else 0.
+
+    Who follows a route by where he is may be on it a little sooner: then x and v_1 ... v_Q differ by what they have
+    `moved` by in a period, and the lead grows as the speed of the route rises, before motors with a lag let the vehicle
+    gain speed. So fast is the loop about to change. A motion that becomes no mode, or another one with time, says
+    nothing: it is a loss of stability, or an oscillation.
+    """
+    n, m = C.shape[1], C.shape[0]
+
+    def step(z: Array) -> Array:
+        x, late = z[:n], z[n:].reshape(-1, m)
+        asked = jnp.linalg.solve(jnp.eye(m, dtype=x.dtype) - D[0], C @ x + jnp.einsum("qij,qj->i", D[1:], late))
+        v = jnp.concatenate([asked[None], late])
+        return jnp.concatenate([A @ x + jnp.einsum("qnm,qm->n", B, v), v[:-1].ravel()])
+
+    def looked(x: Array) -> tuple[Array, Array]:
+        later = closed @ x
+        size = jnp.sum(x**2)
+        share = jnp.sum(x * later) / size
+        return jnp.log(share) / period, jnp.sqrt(jnp.sum((later - share * x) ** 2) / size) / period
+
+    closed = jax.vmap(step, out_axes=1)(jnp.eye(moved.size, dtype=moved.dtype))
+    half = jnp.linalg.matrix_power(closed, max(1, round(AHEAD / 2 / period)))
+    soon = half @ jnp.where(jnp.isfinite(moved), moved, 0)  # what is left of a closed route is infinite
+    first, (rate, rest) = looked(soon)[0], looked(half @ soon)
+    return jnp.where((jnp.abs(first - rate) <= NEAR * rate) & (rest <= NEAR * rate), rate, 0)
 
 
 def _rollout(controller: Law, scenario: Scenario, timing: Timing) -> Rollout:
@@ -215,7 +252,7 @@ def _by_periods(x: Array, shares: Array, every: int) -> Array:
 
 
 def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: Array) -> tuple[Array, ...]:
-    """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size and slopes (m,)."""
+    """A, the effects of what arrives (every, n, m), C, those on what is asked for, their size, slopes, x's motion."""
     scenario, shapes = rollout.scenario, _shapes(rollout)
     sizes = np.cumsum([math.prod(shapes[name]) for name in scenario.plant.actuators])[:-1].tolist()
     chains = {name: cut.without(scenario.actuators.get(name)) for name in scenario.plant.actuators}
@@ -228,7 +265,7 @@ def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: A
         kept = {name: chain for name, chain in chains.items() if chain is not None}
         return dataclasses.replace(scenario, deadzone=zones, actuators=kept)
 
-    def period(x: Array, delivered: Array) -> tuple[Array, Array]:
+    def period(x: Array, delivered: Array) -> tuple[tuple[Array, Array], Array]:
         def step(carry: Carry, given: tuple[Row, Array]) -> tuple[Carry, Array]:
             row, now = given
             open_loop = _rollout(rollout.controller, driven(now), timing)
@@ -236,14 +273,16 @@ def _opened(rollout: Rollout, timing: Timing, carry: Carry, rows: Row, arrive: A
             return later, sample.inputs
 
         later, asked = jax.lax.scan(step, whole(x), (rows, delivered))
-        return cut.numbers(later)[0], asked[0]
+        after = cut.numbers(later)[0]
+        return (after, asked[0]), after
 
     of = zip(scenario.plant.actuators, jnp.split(arrive, sizes, axis=1), strict=True)
     zones = [cut.tangent(scenario.deadzone[name], u) for name, u in of]
     delivered, slopes = (jnp.concatenate(x, axis=1) for x in zip(*zones, strict=True))
     n, shape = x0.size, delivered.shape
-    both = jax.jacfwd(lambda z: period(z[:n], z[n:].reshape(shape)))(jnp.concatenate([x0, delivered.ravel()]))
+    slopes_of = jax.jacfwd(lambda z: period(z[:n], z[n:].reshape(shape)), has_aux=True)
+    both, after = slopes_of(jnp.concatenate([x0, delivered.ravel()]))
     (A, B), (C, D) = ((x[:, :n], x[:, n:].reshape(len(x), *shape)) for x in both)
     effect = jnp.linalg.norm(B.sum(1), axis=0)
     B, D = (jnp.moveaxis(x * slopes[None], 1, 0) for x in (B, D))
-    return A, B, C, D, effect, slopes.mean(0)
+    return A, B, C, D, effect, slopes.mean(0), after - x0

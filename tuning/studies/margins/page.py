@@ -195,6 +195,7 @@ much of one change at that actuator the loop tolerates if nothing else changes: 
 crossover frequency, delay. Ms is the largest amplification of a disturbance there. A deadzone counts with the slope of
 its side, backlash and rounding with 1; the limit cycles cover motions that are small compared with them. A margin is
 that of the loop frozen at one instant: if the vehicle turns or changes its speed faster, simulate as well.
+Where a route speeds up, a vehicle that is ahead of another gets further ahead; that is not an instability.
 Left out are instants at which something is at a limit, and those where an input changes by more than {JUMP:g} times its
 largest in a second, as at the beginning of a corner. Near these the tightest loop may last for an instant only, and the
 5 % column says more. Frequencies at which the loop is slower than the vehicle turns or changes its speed, or below

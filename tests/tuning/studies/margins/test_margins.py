@@ -10,8 +10,9 @@ import pytest
 
 import agvjax
 from agvjax import Chain, Delay, Lag, Timing
-from agvjax.linear import input_names, instants, linearised
+from agvjax.linear import input_names, instants, linearised, steady
 from agvjax.margins import growth
+from agvjax.margins import margins as tightest
 from commands import run
 from mass import Mass, Spring, by_formula, mass
 from tuning.config import load
@@ -153,3 +154,30 @@ def test_a_report_of_a_robot_is_written(tmp_path):
     } <= {file.name for file in out.iterdir()}
     rows = (out / "margins.csv").read_text().splitlines()
     assert len(rows) == 1 + 5 * 4 * 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k_y, k_psi, first, lasts", [(6.0, 4.0, 9.58, True), (60.0, 25.0, 4.0, False)])
+def test_behind_a_corner_a_loop_is_stable_if_a_pushed_robot_comes_back_to_its_route(k_y, k_psi, first, lasts):
+    """Its law asks for more speed as it gets on, at .4 m/s^2 / .5 m/s = .8 1/s: a lead grows, and nothing else does.
+
+    With the other gains it weaves, on the straight line too.
+    """
+    settings = [
+        'controller.inner="path_pid"',
+        'scenario.path={type="route",points=[[0.0,0.0],[3.0,0.0],[3.0,3.0]],closed=false,speed=0.5,radius=0.6,'
+        "limits={acceleration=0.4,deceleration=0.4,lateral_acceleration=0.25}}",
+        "scenario.start={position=[0.0,0.0],heading=0.0}",
+        "scenario.plant.time_constant=0.25",
+    ]
+    config, timing = load(["base"], settings), Timing(dt=0.01, n_steps=1000)
+    law = agvjax.replace(config.controller, {"inner.k_y": k_y, "inner.k_psi": k_psi})
+    loops = linearised(law, config.scenario, timing=timing, first=first, count=8)
+    kept = np.flatnonzero(steady(loops))
+    fastest = max(float(growth(float(loops.period), *matrices(loops, k))) for k in kept)
+    assert fastest == pytest.approx(0.8, rel=0.15)
+    assert (tightest(loops).delay_margin > 0) == lasts
+    pushed = agvjax.replace(config.scenario, {"start.position": jnp.array([0.0, 0.02])})
+    one, other = (np.asarray(agvjax.simulate(law, x, **timing).position) for x in (config.scenario, pushed))
+    away = np.min(np.linalg.norm(other[-100:, None] - one[None], axis=2), axis=1)
+    assert (np.max(away) < 5e-3) == lasts
