@@ -14,6 +14,7 @@ from jaxtyping import PyTree
 from ._pytree import Real, pytree, structure
 from .engine.rollout import Rollout
 from .engine.xla import warn_if_slow
+from .host import looked_at
 from .integrate import RK4, Integrator
 from .leaves import fits, get, replace, swap
 from .metrics import Criteria, Metrics
@@ -78,6 +79,7 @@ def batch(scenario: PyTree, values: Mapping[str, ArrayLike]) -> Batch:
     return Batch(scenario=replace(scenario, arrays), names=tuple(sorted(arrays)))
 
 
+@looked_at
 @functools.partial(jax.jit, static_argnames=("n_steps", "control_every", "integrator", "dtype", "block", "devices"))
 def evaluate(  # long: half of it says what each argument is
     controller: Law | Batch,
@@ -112,7 +114,7 @@ def evaluate(  # long: half of it says what each argument is
         `Metrics` with a leading axis B, or without for a single scenario. Works under `jax.vmap`, `grad`, `jvp`, `jit`.
 
     Raises:
-        ValueError: batches of different sizes, or `block` or `devices` out of range.
+        ValueError: `dt` is not above 0, batches of different sizes, or `block` or `devices` out of range.
     """
     warn_if_slow()
 

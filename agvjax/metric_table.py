@@ -61,7 +61,7 @@ METRICS: dict[str, Metric] = {
     for row in (
         Metric("total_rmse", "m, rad", "root of the sum of the squared RMS errors of all channels"),
         Metric("effort", "mixed units", "RMS of the command of all channels, before the deadzone"),
-        Metric("peak_position", "m/s^2", "largest command of x or y"),
+        Metric("peak_position", "m/s^2", "largest command of x or y, or of speed and yaw rate"),
         Metric("peak_heading", "rad/s", "largest command of the heading", heading=True),
         Metric("total_chatter", "mixed units", "total variation of the command, summed over the channels"),
         Metric("longest_settling_time", "s", "settling time of the channel that settles last"),

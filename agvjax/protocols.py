@@ -164,6 +164,7 @@ class Plant:
     feedthrough: bool = False  # whether `output` needs what is delivered at the same instant
     commands_heading: bool = True  # False: the heading follows from the motion, and no law commands it
     units: ClassVar[Mapping[str, str]] = {}  # by actuator, and by what else `needs` and `reach` name
+    command_units: ClassVar[tuple[str, ...]] = ("m/s^2", "m/s^2", "rad/s")  # of a law's command, by channel
 
     def start(self, start: Start) -> PyTree:
         """The state a run begins in; a dataclass with a `heading`."""

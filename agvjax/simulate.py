@@ -11,12 +11,14 @@ from jax.typing import DTypeLike
 from ._pytree import Real
 from .engine.loop import Trajectory
 from .engine.rollout import Meter, Rollout
+from .host import looked_at
 from .integrate import RK4, Integrator
 from .protocols import Law
 from .scenario import Scenario
 from .timing import DT, N_STEPS, Timing
 
 
+@looked_at
 @functools.partial(jax.jit, static_argnames=("n_steps", "save_every", "control_every", "integrator", "dtype"))
 # long: mostly its arguments and what they mean
 def simulate(
@@ -47,7 +49,9 @@ def simulate(
         n_steps / save_every + 1 samples, the first at t = 0. Works under `jax.vmap`, `grad`, `jvp` and `jit`.
 
     Raises:
-        ValueError: `n_steps` is no positive multiple of `save_every`, or the scenario's actuators are not the plant's.
+        ValueError: `dt` is not above 0, `n_steps` is no positive multiple of `save_every`, or the scenario's actuators
+            are not the plant's.
+        TypeError: a string where an object belongs.
     """
     if save_every < 1 or save_every != int(save_every) or n_steps % save_every:
         raise ValueError(

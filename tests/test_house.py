@@ -10,7 +10,7 @@ from commands import ROOT, python
 from tuning.cli.main import COMMANDS
 
 FLOORS = [  # a file or folder imports what stands below it, and its own; `agvjax` never imports `tuning`
-    ("agvjax", "_moved", "_pytree", "errors", "hashed", "geometry", "integrate", "messages"),
+    ("agvjax", "_moved", "_pytree", "errors", "hashed", "host", "geometry", "integrate", "messages"),
     ("agvjax", "schedule", "leaves"),
     ("agvjax", "timing"),
     ("agvjax", "protocols"),
@@ -19,7 +19,7 @@ FLOORS = [  # a file or folder imports what stands below it, and its own; `agvja
     ("agvjax", "sensor", "controllers"),
     ("agvjax", "scenario"),
     ("agvjax", "engine"),
-    ("agvjax", "simulate", "gradient", "metrics", "metric_table", "followed"),
+    ("agvjax", "simulate", "gradient", "metrics", "metric_table", "metric_units", "followed"),
     ("agvjax", "evaluate"),
     ("agvjax", "check", "cut", "feasible", "linear", "margins", "readings"),
     ("agvjax", "draw"),

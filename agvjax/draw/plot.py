@@ -9,6 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..metrics import tracking_error
+from ..protocols import Plant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,9 +68,19 @@ def errors(runs: Runs) -> Figure:
     return _rows(runs, lambda run: shown(tracking_error(run)), ERRORS, "symlog", 1e-2)
 
 
-def commands(runs: Runs) -> Figure:
-    """The commands in time, before the actuators."""
-    return _rows(runs, lambda run: shown(run.command), COMMANDS, "symlog", 1.0)
+def asked(plant: Plant) -> tuple[str, ...]:
+    """What a law asks a plant for, by channel, with units."""
+    units = plant.command_units
+    if units == Plant.command_units:
+        return COMMANDS
+    names = ("speed", "yaw rate") if len(units) == 2 else CHANNELS
+    return tuple(f"{name} asked for [{unit}]" for name, unit in zip(names, units, strict=False))
+
+
+def commands(runs: Runs, labels: Sequence[str] = COMMANDS) -> Figure:
+    """The commands in time, before the actuators; `labels` as from `asked`."""
+    scale = ("symlog", 1.0) if tuple(labels) == COMMANDS else ("linear", None)
+    return _rows(runs, lambda run: shown(run.command), labels, *scale)
 
 
 def route(run: Any) -> Figure:
@@ -117,17 +128,21 @@ def _styles(runs: Runs) -> tuple[dict[str, Any], ...]:
     return ALONE if len(runs) == 1 else STYLES
 
 
-def _rows(runs: Runs, values: Any, labels: tuple[str, ...], scale: str, linear: float) -> Figure:
+def _rows(runs: Runs, values: Any, labels: Sequence[str], scale: str, linear: float | None) -> Figure:
     channels = values(next(iter(runs.values()))).shape[1]  # two where the heading is not commanded
     figure = sheet((7.5, 2 * channels))
     rows = figure.subplots(channels, 1, sharex=True, squeeze=False)[:, 0]
     for channel, (axes, label) in enumerate(zip(rows, labels, strict=False)):
         for (name, run), style in zip(runs.items(), _styles(runs), strict=False):
             axes.plot(np.asarray(run.t), values(run)[:, channel], label=name, **style)
-        axes.set_yscale(scale, linthresh=linear)
+        if linear is not None:
+            axes.set_yscale(scale, linthresh=linear)
+            axes.axhspan(-linear, linear, color="0.95", lw=0, zorder=0)
         axes.set(ylabel=label)
         axes.grid(alpha=0.3)
     rows[-1].set(xlabel="time [s]")
+    if linear is not None:
+        rows[0].set_title("linear in the shaded band, logarithmic beyond", fontsize=8, color="0.25", loc="right")
     if len(runs) > 1:
         rows[0].legend(fontsize=8, ncols=len(runs))
     return complete(figure)

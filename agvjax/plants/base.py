@@ -37,6 +37,7 @@ class Driven(Plant):
     """What vehicles have in common whose two motors are sent velocities; each brings `twist` and `asked`."""
 
     commands_heading = False
+    command_units: ClassVar[tuple[str, ...]] = ("m/s", "rad/s")  # a twist
 
     def body(self, reached: Float[Array, "2"]) -> tuple[Array, Array]:
         """Speed [m/s] and yaw rate [rad/s] of what the motors have reached."""

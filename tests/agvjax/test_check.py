@@ -1,5 +1,7 @@
 """What is refused: values, and steps that the integrator does not carry."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -132,3 +134,16 @@ def test_a_coarse_step_names_the_gains_it_is_too_coarse_for():
     (said,) = agvjax.step_warnings(law, 5e-3, agvjax.EULER)
     assert "k1 (5%)" in said  # 20/s times 5 ms, halved
     assert agvjax.step_warnings(agvjax.OSFC(), 5e-3, agvjax.EULER) == []  # names no modes
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, np.nan, np.float32(-1.0)])
+@pytest.mark.parametrize("run", [agvjax.simulate, agvjax.evaluate])
+def test_a_step_that_is_none_is_refused_before_it_is_traced(run, dt):
+    with pytest.raises(ValueError, match="dt must be finite and > 0 s; got"):
+        run(agvjax.Backstepping(), agvjax.Scenario(), dt=dt, n_steps=10)
+
+
+def test_a_name_in_place_of_an_object_is_refused_before_it_is_traced():
+    scenario = dataclasses.replace(agvjax.Scenario(), path="circle")
+    with pytest.raises(TypeError, match=r"scenario\.path = 'circle': names are for TOML"):
+        agvjax.simulate(agvjax.Backstepping(), scenario, n_steps=10)

@@ -7,6 +7,7 @@ import pytest
 
 import agvjax
 from agvjax.metric_table import METRICS, OLD_NAMES, Followed, LoopMargins, metrics_of
+from agvjax.metric_units import units_in
 from commands import ROOT
 from tuning.config.load import load
 
@@ -106,3 +107,18 @@ def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
         with pytest.raises(ValueError, match="delivered=True"):
             plain[name]
         assert agvjax.Criteria.of([name]).delivered and not agvjax.Criteria.of(["effort"]).delivered
+
+
+def test_units_of_commands_are_those_of_what_the_vehicle_is_sent():
+    paper = units_in(agvjax.Scenario())
+    assert (paper["peak_position"], paper["rms_command_x"], paper["chatter_heading"]) == ("m/s^2", "m/s^2", "rad/s")
+    assert (paper["effort"], paper["total_rmse"], paper["delivered_peak"]) == (
+        "m/s^2, rad/s",
+        "m, rad",
+        "m/s^2 or rad/s",
+    )
+    twist = units_in(agvjax.Scenario.of(agvjax.TwistBase()))
+    assert (twist["peak_position"], twist["peak_command_x"], twist["chatter_y"]) == ("m/s or rad/s", "m/s", "rad/s")
+    assert (twist["delivered_variation"], twist["total_rmse"]) == ("m/s, rad/s", "m")
+    wheels = units_in(agvjax.Scenario.of(agvjax.Base()))
+    assert (wheels["delivered_peak"], wheels["total_chatter"]) == ("m/s", "m/s, rad/s")

@@ -61,6 +61,12 @@ ABOUT: tuple[Callable[[str], list[str]], ...] = (_of_metric, _of_command, _of_ex
 def _below_or_key(key: str) -> list[str]:
     """A key, and of a table what stands in it; of a name that many keys end with, those."""
     bare = key.strip().strip(".").replace('"', "")
+    ends = [name for name in every_key() if name.endswith(f".{bare}")]
+    if bare not in every_key() and 0 < len(ends) <= FEW:  # as gains are named in a report
+        alike: dict[str, list[str]] = {}
+        for name in ends:
+            alike.setdefault("\n".join(_lines(described(name))), []).append(name)
+        return [_page(", ".join(names), text.split("\n")) for text, names in alike.items()]
     row = described(bare)
     below = [name for name in every_key() if name.startswith(f"{row.key}.")]
     if len(below) > FEW:

@@ -11,8 +11,11 @@ from jaxtyping import Array
 import agvjax
 from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
+from agvjax.metric_units import units_in
 
 from ..io.pages import grid
+
+BEFORE, OFTEN = 1.0, 4  # s before a divergence that are looked at; turns of a command in a second that are many
 
 Number = float | str  # or words where there is none
 CHANNELS = ("rmse", "rmse_late", "settling_time", "rms_command", "peak_command", "chatter")
@@ -23,12 +26,36 @@ Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or 
 
 
 def divergence(trajectory: agvjax.Trajectory, limit: float) -> str:
-    """When the vehicle left what its scenario allows, and what that is."""
+    """When the vehicle left what its scenario allows, what passed that, and what it likely means."""
     held = np.asarray(trajectory.position)
     moves = np.flatnonzero(np.any(held != held[-1], axis=1))
-    when = float(trajectory.t[min(moves[-1] + 1, len(held) - 1)]) if moves.size else 0.0
+    last = min(int(moves[-1]) + 1, len(held) - 1) if moves.size else 0
+    when = float(trajectory.t[last])
     state = "the vehicle's state, its position counted from the path,"
-    return f"the run diverged at t = {when:.4g} s: {state} exceeded scenario.limit = {limit:g} and was frozen there"
+    said = f"the run diverged at t = {when:.4g} s: {state} exceeded scenario.limit = {limit:g} and was frozen there"
+    return f"{said}; {_why(trajectory, last)}"
+
+
+def _why(run: agvjax.Trajectory, last: int) -> str:
+    """What was large at a sample, and what the second before it looks like: a guess at the cause."""
+    away = run.position[last] - run.reference_position[last] if run.route is None else run.route.cross_track[last]
+    far, fast = float(np.linalg.norm(away)), float(np.linalg.norm(run.velocity[last]))
+    parts = [f"it was {far:.3g} m from the path", f"moved at {fast:.3g} m/s"]
+    t = np.asarray(run.t)
+    first = int(np.searchsorted(t, t[last] - BEFORE))
+    span, limited = float(t[last] - t[first]), float(np.mean(np.asarray(run.limited)[first : last + 1]))
+    turns = np.diff(np.sign(np.diff(np.asarray(run.command)[first : last + 1], axis=0)), axis=0)
+    often = int(np.max(np.sum(turns != 0, axis=0), initial=0))
+    if limited > 0.5:
+        parts.append(f"something was at its limit for {limited:.0%} of the last {span:.2g} s")
+        cause = "the path or the start may ask for more than the vehicle can do"
+    elif often >= max(3, OFTEN * span):
+        parts.append(f"a command turned back {often} times in the last {span:.2g} s")
+        cause = "gains may be too high for the delay or for the step"
+    else:
+        parts.append("its commands did not oscillate")
+        cause = "gains may be of the wrong sign or far too high, or the start too far from the path"
+    return f"{', '.join(parts)}: {cause}"
 
 
 def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:
@@ -51,11 +78,11 @@ def numbers(metrics: agvjax.Metrics, scenario: agvjax.Scenario) -> Numbers:
     return numbers | totals | ({} if settled else {"longest_settling_time": "not settled"})
 
 
-def brief(numbers: Numbers) -> str:
+def brief(numbers: Numbers, scenario: agvjax.Scenario) -> str:
     """The metrics that people look at: along a route where there is one, by channel elsewhere. All are in a file."""
     routed = {name: numbers[name] for name in ROUTED if name in numbers}
     rows = {name: values for name in CHANNELS if isinstance(values := numbers[name], dict)}
-    lines = [[name, x, METRICS[name].unit] for name, x in routed.items()]
+    lines = [[name, x, units_in(scenario)[name]] for name, x in routed.items()]
     table = grid(["metric", "value", "unit"], lines) if "cross_track" in routed else _table("metric", rows)
     limited = f"\n\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
     return f"{table}{limited}"

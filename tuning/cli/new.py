@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = numbers_of(arguments, kind, asks, console)
     text = begun.by_clock(kind, numbers) if kind in BY_CLOCK else _followed(arguments, kind, numbers, asks, console)
     notes = _written(out, text)
-    for note in notes:
+    for note in [*notes, *(f"assumed: {line}" for line in ([] if kind in BY_CLOCK else begun.assumed(kind, numbers)))]:
         console.note(note)
     lines = sum(bool(line) and not line.startswith("#") for line in text.splitlines())
     console.say(

@@ -45,7 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
-    console.conclude(brief(of_metrics), f"written to {out}: every metric in metrics.json, figures, trajectory.npz")
+    console.conclude(
+        brief(of_metrics, config.scenario), f"written to {out}: every metric in metrics.json, figures, trajectory.npz"
+    )
     if not trajectory.ok:
         raise RunFailed(f"{divergence(trajectory, float(config.scenario.limit))} ({out})")
     return 0
@@ -93,7 +95,7 @@ def _drawings(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario) -> dict[
     """The figures by name, not yet drawn."""
     plant, runs, points = scenario.plant, {"run": trajectory}, mapped.corners(scenario.path)
     drawings: dict[str, Drawing] = {"path": lambda: plot.path(runs, points)}
-    drawings |= {"errors": lambda: plot.errors(runs), "commands": lambda: plot.commands(runs)}
+    drawings |= {"errors": lambda: plot.errors(runs), "commands": lambda: plot.commands(runs, plot.asked(plant))}
     if trajectory.route is not None:
         drawings["route"] = lambda: plot.route(trajectory)
     if "position" not in plant.actuators:  # where they are not the commands themselves

@@ -104,7 +104,9 @@ def problem(kind: str, numbers: Mapping[str, float], law: str, path: Points | No
         else "# a smooth curve through the points",
         f"scenario.path = {_toml(route)}",
         f"scenario.start = {_toml({'position': position, 'heading': heading})}",
-        "# commands below these values move nothing; delays of commands [s], with slots for the longest at this rate",
+        "# commands below these values move nothing;"
+        f" of what is above them {_slope(kind):g} arrives, as assumed (slope_right, slope_left)",
+        "# delays of commands [s], with slots for the longest at this rate",
         f"scenario.deadzone = {_toml({name: _zone(name, kind, numbers) for name in actuators})}",
         f"scenario.actuators = {_toml({name: {'delay': _delay(numbers)} for name in actuators})}",
         "",
@@ -159,6 +161,25 @@ def _start(route: agvjax.Route) -> tuple[list[float], float]:
     start = mapped.begun(route)
     position = np.asarray(start.position) + route.origin
     return [round(float(x), 6) + 0.0 for x in position], round(float(start.heading), 6) + 0.0
+
+
+def _slope(kind: str) -> float:
+    """That of the deadzones of a vehicle, of which nobody was asked."""
+    plants = {"differential": agvjax.Base(), "twist": agvjax.TwistBase()}
+    zones = plants.get(kind, agvjax.Ackermann()).deadzones().values()
+    return float(next(zone.slope_right for zone in zones if isinstance(zone, agvjax.Deadzone)))
+
+
+def assumed(kind: str, numbers: Mapping[str, float]) -> list[str]:
+    """What `problem` takes for granted besides the numbers, each a line."""
+    wide = numbers["uncertainty"]
+    less, more = ([f"{100 * x * wide:g}" for x in SPREAD[name]] for name in ("threshold", "delay"))
+    return [
+        f"above its deadzone a motor delivers {_slope(kind):g} of what is left (slope_right, slope_left)",
+        f"the path asks for {EASY:g} of the acceleration along it, and in turns for {SIDEWAYS:g} of it sideways",
+        f"the ensemble varies thresholds by {less[0]} %, delays by {more[0]} %, either way, and starts up to"
+        f" {START * wide:g} m beside the path, turned by up to {TURNED * wide:g} rad",
+    ]
 
 
 def _zone(actuator: str, kind: str, numbers: Mapping[str, float]) -> dict[str, float]:

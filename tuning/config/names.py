@@ -98,3 +98,15 @@ CLASSES: Classes = {
     },
     "elements": ELEMENTS,
 }
+
+
+LETTERS = ("pid", "lqr", "osfc", "asmc", "dfc", "ftsmc")  # names that are letters, not words
+
+
+def in_words(thing: object) -> str:
+    """What a law, a plant or a path is called, and its class: "regulated pure pursuit (RegulatedPurePursuit)"."""
+    kind = type(thing)
+    named = LAWS | COMPOSED | PLANTS | dict(CLASSES["scenario.path"]) | dict(CLASSES["controller.inner"])
+    name = next((name for name, other in named.items() if other is kind), "")
+    words = [word.upper() if word in LETTERS else word for word in name.split("_")]
+    return f"{' '.join(words)} ({kind.__name__})" if name else kind.__name__

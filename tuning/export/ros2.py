@@ -12,10 +12,10 @@ from jaxtyping import PyTree
 
 import agvjax
 from agvjax import leaves
-from agvjax.leaves import metadata_of
 from agvjax.schedule import extremes
 
 from ..io.files import Json
+from ..tune.meanings import of_gains
 from . import names, ros2_parts
 from . import numpy as numpy_file
 from .artefact import Artefact, filled
@@ -148,7 +148,7 @@ def _gain(artefact: Artefact, name: str, highest: float | None) -> Json:
     value = facts["value"]
     if np.ndim(value) > 1:
         raise ValueError(f"{name} has shape {np.shape(value)}, and a parameter of ROS 2 is a number or a list of them")
-    words = [f"unit {facts['unit'] or '1'}", metadata_of(artefact.controller, name).get("source", ""), facts["rule"]]
+    words = [of_gains(artefact.controller, [name])[name], f"unit {facts['unit'] or '1'}", facts["rule"]]
     title = f"{name} of {type(artefact.controller.inner).__name__}" if name.startswith("inner.") else name
     rule = {"bounds<>": [value, value]} if name == "period" else _validation(facts, value, highest)
     fixed = name == "period" or name.startswith("vehicle.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agvjax.draw import plot
-from agvjax.metric_table import METRICS
+from agvjax.metric_units import units_in
 
 from ..io.pictures import Drawing
 from .design import Axis, Design
@@ -46,12 +46,14 @@ def every(
         figures["distributions"] = partial(distributions, results, bounds)
     for i, of_metric in enumerate(indices.values()):
         if any(of_metric.values()):
-            figures[f"sensitivity_{i}"] = partial(sensitivity, of_metric, plan.method)
+            figures[f"sensitivity_{i}"] = partial(
+                sensitivity, of_metric, plan.method, units_in(results.config.scenario)
+            )
     return figures
 
 
-def _with_unit(metric: str) -> str:
-    return f"{metric} [{METRICS[metric].unit}]"
+def _with_unit(results: Results, metric: str) -> str:
+    return f"{metric} [{units_in(results.config.scenario)[metric]}]"
 
 
 def label(plan: Design, axis: Axis) -> str:
@@ -120,7 +122,7 @@ def maps(results: Results, metric: str, which: np.ndarray) -> Figure:
     low, high = (finite.min(), np.quantile(finite, 0.98)) if finite.size else (0.0, 1.0)
     high = max(high, low + 1e-3 * abs(low) + 1e-12)  # also of a metric that is the same everywhere
     norm = LogNorm(low, high) if high > WIDE * low > 0 else Normalize(low, high)
-    return _maps(results, pictures, norm, "viridis", label=_with_unit(metric), extend="max")
+    return _maps(results, pictures, norm, "viridis", label=_with_unit(results, metric), extend="max")
 
 
 def failure_map(results: Results, which: np.ndarray) -> Figure:
@@ -195,7 +197,7 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
                 axes.axhline(bounds[metric], color="red", lw=0.8)
             axes.grid(alpha=0.25)
             axes.set_xlabel(label(plan, axis), fontsize=8)
-        row[0].set_ylabel(_with_unit(metric), fontsize=9)
+        row[0].set_ylabel(_with_unit(results, metric), fontsize=9)
     panels[0][0].legend(fontsize=7)
     figure.suptitle("median, 90 % band and worst (dotted) over all other axes; grey: nominal; red: failure", fontsize=9)
     return figure
@@ -226,7 +228,7 @@ def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
             axes.semilogy(values[places], 1 - places / values.size, lw=1.3, label=name)
         if np.isfinite(plot.shown(bounds.get(metric, np.nan))):
             axes.axvline(bounds[metric], color="red", lw=0.8)
-        axes.set(xlabel=_with_unit(metric))
+        axes.set(xlabel=_with_unit(results, metric))
         axes.grid(alpha=0.25)
     for axes in panels[len(results.metrics) :]:
         axes.set_visible(False)
@@ -235,7 +237,7 @@ def distributions(results: Results, bounds: Mapping[str, float]) -> Figure:
     return figure
 
 
-def sensitivity(of_metric: Mapping[str, list[Index]], method: str) -> Figure:
+def sensitivity(of_metric: Mapping[str, list[Index]], method: str, units: Mapping[str, str]) -> Figure:
     """Indices of every metric: bars of first and total order, or mean and spread of the elementary effects."""
     names = {"saltelli": ("first order", "total"), "morris": ("mean |effect|", "its standard deviation")}[method]
     rows = [(metric, indices) for metric, indices in of_metric.items() if indices]
@@ -248,7 +250,7 @@ def sensitivity(of_metric: Mapping[str, list[Index]], method: str) -> Figure:
         errors = None if method == "morris" else [x.total_error for x in indices]
         axes.barh(place - 0.2, [x.total for x in indices], 0.38, xerr=errors, label=names[1])
         axes.set_yticks(place, [x.axis for x in indices], fontsize=7)
-        axes.set_title(metric if method == "saltelli" else _with_unit(metric), fontsize=9)
+        axes.set_title(metric if method == "saltelli" else f"{metric} [{units[metric]}]", fontsize=9)
         axes.grid(alpha=0.25, axis="x")
     panels[0].legend(fontsize=7)
     return figure

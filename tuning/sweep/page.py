@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agvjax.metric_table import METRICS
+from agvjax.metric_units import units_in
 
 from ..io.pages import grid, meanings, picture
 from ..tune.meanings import of_metrics
@@ -76,8 +76,8 @@ def _failures(results: Results, judged: SweepVerdict) -> str:
         [name, f.failed, f.runs, f.diverged, f"{f.share:.4%}", f"{f.low:.4%} to {f.high:.4%}"]
         for name, f in zip(results.names, judged.failures, strict=True)
     ]
-    shown = slice(None if drawn else -1)
-    rule = ", or ".join(f"{name} exceeds {bound:.5g} {METRICS[name].unit}" for name, bound in judged.bounds.items())
+    shown, units = slice(None if drawn else -1), units_in(results.config.scenario)
+    rule = ", or ".join(f"{name} exceeds {bound:.5g} {units[name]}" for name, bound in judged.bounds.items())
     passed = f", or if {rule} (multiples are of the nominal run with the first controller)" if rule else ""
     note = f"A run fails if it diverges{passed}."
     if drawn and plan.method != "random":
@@ -110,14 +110,14 @@ def _radii(results: Results, judged: SweepVerdict) -> list[str]:
 
 def _metrics(results: Results, judged: SweepVerdict) -> str:
     header = ["metric", "unit", "controller", "nominal", "mean of finite values", "5 %", "median", "95 %", "worst"]
-    rows = []
+    rows, units = [], units_in(results.config.scenario)
     for metric, of_each in results.metrics.items():
         for name, nominal, values in zip(results.names, judged.nominal, of_each, strict=True):
             finite = values[np.isfinite(values)]
             with np.errstate(over="ignore"):  # of numbers near the largest there is: infinite
                 mean = finite.mean() if finite.size else np.inf
             numbers = (nominal[metric], mean, *np.quantile(values, QUANTILES, method="nearest"), values.max())
-            rows.append([metric, METRICS[metric].unit, name, *map(float, numbers), values.size - finite.size])
+            rows.append([metric, units[metric], name, *map(float, numbers), values.size - finite.size])
     return grid([*header, "not finite (not in the mean)"], rows)
 
 

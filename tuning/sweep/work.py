@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 import agvjax
 from agvjax import Fault, InputError
-from agvjax.metric_table import METRICS
+from agvjax.metric_units import units_in
 from agvjax.protocols import Law
 
 from .. import config as configuration
@@ -45,7 +45,7 @@ def manifest_of(config: Config, plan: Design, laws: Mapping[str, Law]) -> Manife
         {name: configuration.gains_table(law) for name, law in laws.items()},
         plan.size,
         config.sweep.shard,
-        metrics={name: METRICS[name].unit for name in recorded(config)},
+        metrics={name: units_in(config.scenario)[name] for name in recorded(config)},
         leaves={name: plan.unit(name) for name in plan.names},
     )
 

@@ -9,44 +9,86 @@ import numpy as np
 
 import agvjax
 from agvjax.metric_table import METRICS
+from agvjax.metric_units import PLAIN
 
 from ..config.settings import LATE
 from ..ensemble.worst import Found
 from .gains import Gains, value_of
-from .methods.objective import TOLERANCE, Objective
+from .methods.objective import TOLERANCE, Objective, Requirement
 
 WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
 MUCH_WORSE = 0.5  # the same of a metric that is no error
-ERRORS = (*LATE, "longest_settling_time", "limited")
+ERRORS = (*LATE, "cross_track_peak_late", "longest_settling_time", "limited")
 COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
 PEOPLE_LOOK_AT = dict.fromkeys(ERRORS, WORSE) | dict.fromkeys(COMMANDS, MUCH_WORSE)  # and by how much it must rise
 
 
 class Caveats(NamedTuple):
-    """What makes gains useless, and what should be known before they are used; each a sentence."""
+    """What makes gains useless, and what should be known before they are used; each a sentence.
+
+    `doubts` are those of the cautions that a verdict names at once, in a few words.
+    """
 
     failures: list[str]
     cautions: list[str]
+    doubts: list[str]
 
 
-def excesses(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray) -> list[str]:
+class Missed(NamedTuple):
+    """A limit that runs exceed."""
+
+    limit: Requirement
+    value: float
+    bound: float
+    excess: float  # share of the bound
+
+    def told(self, units: Mapping[str, str]) -> str:
+        """By how much."""
+        r, side = self.limit, "below" if self.limit.least else "above"
+        unit = units[r.metric]
+        value = f"{r.told(self.value, self.bound):.5g} {unit}"
+        return f"{r.name} is {value}, {self.excess:.2%} {side} its limit {self.bound:.5g}"
+
+
+def excesses(
+    objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray, units: Mapping[str, str] = PLAIN
+) -> list[str]:
     """The limits that runs exceed by more than the tolerance, each with by how much."""
+    return [one.told(units) for one in missed(objective, metrics, baseline)]
+
+
+class Risen(NamedTuple):
+    """A metric that got worse."""
+
+    metric: str
+    statistic: str
+    before: float
+    after: float
+
+    @property
+    def share(self) -> str:
+        """By how much; empty where it was 0."""
+        return f"{self.after / self.before - 1:+.0%}" if self.before else ""
+
+
+def missed(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray) -> list[Missed]:
+    """The limits that runs exceed by more than the tolerance."""
     first = len(objective.goals)
     levels = np.asarray(objective.levels(*objective.values(metrics), baseline))[first:]
     bounds = objective.units(baseline)[first:]
     over = [(r, x, b) for r, x, b in zip(objective.limits, levels, bounds, strict=True) if not x <= 1 + TOLERANCE]
-    sides = {False: "above", True: "below"}
-    return [f"{r.name} is {r.told(x, b):.5g}, {x - 1:.2%} {sides[r.least]} its limit {b:.5g}" for r, x, b in over]
+    return [Missed(r, float(x), float(b), float(x - 1)) for r, x, b in over]
 
 
-def unseen(
+def unseen(  # long: a paragraph for each thing that may be said
     objective: Objective,
     before: agvjax.Metrics,
     after: agvjax.Metrics,
     budget: np.ndarray | None,
     band: float,
     long: bool = True,
+    units: Mapping[str, str] = PLAIN,
 ) -> Caveats:
     """Of runs in scenarios that no tuning saw, with the starting gains and the tuned ones.
 
@@ -57,10 +99,11 @@ def unseen(
         budget: the statistics (3, M) that limits are multiples of; None: those of the starting gains here.
         band: error [m, rad] within which a run has settled.
         long: whether the runs last long enough to settle.
+        units: of the metrics.
     """
     everyone = objective._replace(weights=None)
     kept_before, kept = (np.asarray(metrics.ok) for metrics in (before, after))
-    failures, cautions = [], []
+    failures, cautions, doubts = [], [], []
     if not kept.all():
         counts = f"{np.sum(~kept)} of {kept.size} validation runs diverged"
         failures.append(f"{counts} ({np.sum(~kept_before)} with the starting gains)")
@@ -77,9 +120,14 @@ def unseen(
             if len(levels) > 1 and not level <= 1 + WORSE:
                 words = f"on the validation scenarios {goal.name} is {level:.2f} times what it was"
                 (cautions if level <= 1 + MUCH_WORSE else failures).append(words)
-        over = excesses(everyone, after, baseline if budget is None else budget)
-        cautions += [f"on the validation scenarios {text}" for text in over]
-    return Caveats(failures, cautions + _worse(before, after, kept_before & kept))
+        over = missed(everyone, after, baseline if budget is None else budget)
+        cautions += [f"on the validation scenarios {one.told(units)}" for one in over]
+        doubts += [f"{one.limit.name} misses its limit by {one.excess:.0%} on the validation scenarios" for one in over]
+    risen = _risen(before, after, kept_before & kept)
+    numbers = "{0.statistic} {0.metric} rose from {0.before:.3g} to {0.after:.3g} {1}{2}"
+    cautions += [numbers.format(r, units[r.metric], f" ({r.share})" if r.share else "") for r in risen]
+    doubts += [f"{r.statistic} {r.metric} rose by {r.share[1:]}" for r in risen if r.metric in ERRORS and r.share]
+    return Caveats(failures, cautions, doubts)
 
 
 def _goal_worse(objective: Objective, levels: np.ndarray) -> list[str]:
@@ -95,46 +143,48 @@ def settled(metrics: agvjax.Metrics) -> np.ndarray:
     return np.asarray(np.all(np.asarray(metrics.settled), axis=-1))
 
 
-def _worse(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> list[str]:
+def _risen(before: agvjax.Metrics, after: agvjax.Metrics, both: np.ndarray) -> list[Risen]:
     """What rose, of what people look at first, over the runs that neither set of gains loses."""
-    lines = []
+    found = []
     channels = np.shape(after.rmse)[-1]
     for name, least in PEOPLE_LOOK_AT.items() if both.any() else ():
         row = METRICS[name]
-        if (row.heading and channels < 3) or (row.delivered and after.limited is None):
+        nothing = {"heading": channels < 3, "delivered": after.limited is None, "route": after.followed is None}
+        if any(nothing[kind] for kind in nothing if getattr(row, kind)):
             continue
         old, new = (np.asarray(metrics[name], float)[both] for metrics in (before, after))
         for statistic, of in (("mean", np.mean), ("worst", np.max)):
             a, b = float(of(old)), float(of(new))
             if np.isfinite(a) and b > (1 + least) * a and b - a > 1e-6:
-                rise = f" ({b / a - 1:+.0%})" if a else ""
-                lines.append(f"{statistic} {name} rose from {a:.3g} to {b:.3g} {row.unit}{rise}")
-    return lines
+                found.append(Risen(name, statistic, a, b))
+    return found
 
 
 def worst_case(
-    objective: Objective, worst: Sequence[Found], baseline: np.ndarray, there: Mapping[str, float]
+    objective: Objective,
+    worst: Sequence[Found],
+    baseline: np.ndarray,
+    there: Mapping[str, float],
+    units: Mapping[str, str] = PLAIN,
 ) -> list[str]:
     """What is to be said of the worst scenarios that were found: over a limit, or worse than the starting gains are.
 
     `there` is what the starting gains have of each metric in the worst scenario that was found of it.
     """
     bounds, lines = worst_bounds(objective, baseline), []
+    place, advice = (
+        "a scenario that the ensemble can draw but did not draw",
+        "--set tune.search.rounds=3 tunes with it too",
+    )
     for one in worst:
         bound = bounds.get(one.metric, np.inf)
-        place = "a scenario that the ensemble can draw but did not draw"
+        value = f"{place} has {one.metric} {one.value:.4g} {units[one.metric]}"
         if not np.isfinite(one.value):
-            lines.append(f"{place} diverges ({one.metric}; --set tune.search.rounds=3 tunes with it too)")
+            lines.append(f"{place} diverges ({one.metric}; {advice})")
         elif one.value > (1 + TOLERANCE) * bound:
-            over = f"{one.value / bound - 1:.0%} above the limit {bound:.4g}"
-            lines.append(
-                f"{place} has {one.metric} {one.value:.4g}, {over} (--set tune.search.rounds=3 tunes with it too)"
-            )
+            lines.append(f"{value}, {one.value / bound - 1:.0%} above the limit {bound:.4g} ({advice})")
         elif one.value > (1 + WORSE) * there.get(one.metric, np.inf):
-            than = f"where the starting gains have {there[one.metric]:.4g}"
-            lines.append(
-                f"{place} has {one.metric} {one.value:.4g}, {than} (--set tune.search.rounds=3 tunes with it too)"
-            )
+            lines.append(f"{value}, where the starting gains have {there[one.metric]:.4g} ({advice})")
     return lines
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -125,36 +125,54 @@ def _label(standing: Standing) -> str:
 
 
 def tracking_figure(
-    before: agvjax.Trajectory, after: agvjax.Trajectory, title: str, points: np.ndarray | None = None
+    before: agvjax.Trajectory,
+    after: agvjax.Trajectory,
+    title: str,
+    points: np.ndarray | None = None,
+    unit: str = "m/s^2",
 ) -> Figure:
-    """Path with the `points` that it was laid through, size of the errors and of the commands, before and after."""
+    """Path with the `points` that it was laid through, size of the errors and of the commands, before and after.
+
+    `unit` is that of a command: of a vehicle that is sent a speed, its speed is drawn.
+    """
     runs = {"starting gains": before, "tuned": after}
     figure = plot.sheet((10, 5.6))
     figure.suptitle(title, fontsize=10)
-    heading = np.shape(before.command)[-1] == 3
-    names = ["position", *(["heading"] if heading else []), "command"]
+    twist, heading = unit == "m/s", np.shape(before.command)[-1] == 3
+    names = ["position", *(["heading"] if heading else []), "command", *(["turn"] if twist else [])]
     parts = figure.subplot_mosaic([["path", name] for name in names], width_ratios=[1, 1.4])
     plot.draw_path(parts["path"], runs, points)
     if (legend := parts["path"].get_legend()) is not None:
         legend.remove()
     figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=5, loc="outside lower center")
-    for (label, run), style in zip(runs.items(), plot.STYLES, strict=False):
-        t, error, command = np.asarray(run.t), plot.shown(agvjax.tracking_error(run)), plot.shown(run.command)
-        if run.route is None:
-            parts["position"].semilogy(t, np.hypot(error[:, 0], error[:, 1]), label=label, **style)
-            parts["command"].semilogy(t, np.hypot(command[:, 0], command[:, 1]), label=label, **style)
-        else:
-            parts["position"].semilogy(t, np.abs(plot.shown(run.route.cross_track)), label=label, **style)
-            parts["command"].plot(t, command[:, 0], label=label, **style)
-        if heading:
-            parts["heading"].plot(t, error[:, 2], label=label, **style)
-            parts["heading"].set(ylabel="heading [rad]")
-    routed = after.route is not None
-    parts["position"].set(ylabel=("distance" if routed else "position") + " [m]", ylim=(1e-4, None))
-    asked = "commanded speed [m/s]" if routed else "asked [m/s$^2$]"
-    parts["command"].set(ylabel=asked, xlabel="time [s]")
+    for run, style in zip(runs.values(), plot.STYLES, strict=False):
+        _courses(parts, run, style)
+    if after.route is None:
+        parts["position"].set(ylabel="position [m]", ylim=(1e-4, None))
+    else:
+        parts["position"].set(ylabel="to the left [mm]")
+    parts["command"].set(ylabel="speed asked [m/s]" if twist else "asked [m/s$^2$]")
+    parts[names[-1]].set(xlabel="time [s]")
     for name in names:
         parts[name].grid(alpha=0.3)
-    for name in names[:-1]:
-        parts[name].tick_params(labelbottom=False)
+        parts[name].yaxis.label.set_fontsize(9)
+        parts[name].tick_params(labelbottom=name == names[-1])
     return plot.complete(figure)
+
+
+def _courses(parts: Mapping[str, Axes], run: agvjax.Trajectory, style: Mapping[str, Any]) -> None:
+    """Errors and commands of a run over time."""
+    t, error, command = np.asarray(run.t), plot.shown(agvjax.tracking_error(run)), plot.shown(run.command)
+    if run.route is None:
+        parts["position"].semilogy(t, np.hypot(error[:, 0], error[:, 1]), **style)
+    else:
+        parts["position"].plot(t, 1e3 * plot.shown(run.route.cross_track), **style)
+    if "turn" in parts:
+        parts["command"].plot(t, command[:, 0], **style)
+        parts["turn"].plot(t, command[:, 1], **style)
+        parts["turn"].set(ylabel="yaw rate asked [rad/s]")
+    else:
+        parts["command"].semilogy(t, np.hypot(command[:, 0], command[:, 1]), **style)
+    if "heading" in parts:
+        parts["heading"].plot(t, error[:, 2], **style)
+        parts["heading"].set(ylabel="heading [rad]")

@@ -10,6 +10,7 @@ import numpy as np
 
 import agvjax
 from agvjax.metric_table import METRICS
+from agvjax.metric_units import units_in
 
 from . import analysis, caveats
 from .analysis import Findings
@@ -40,6 +41,7 @@ class TuneVerdict(NamedTuple):
     conflict: list[str]  # those that cannot be kept together
     useless: list[str]  # what else makes the gains no good, each a sentence
     cautions: list[str]  # what should be known before they are used
+    doubts: list[str]  # those of them that the verdict names, in a few words
     start: agvjax.Metrics  # of the scenarios tuned on, with the starting gains
     start_at_worst: dict[str, float]  # by metric, with the starting gains, in the worst scenario that was found
     worst: agvjax.Scenario  # the validation scenario with the largest error of the tuned gains
@@ -56,6 +58,8 @@ class TuneVerdict(NamedTuple):
         limits = "limits are not met" if self.over else "all limits are met on the tuning scenarios"
         if self.failure:
             first = f"Not tuned: {limits}" + ("; these gains should not be used" if self.useless else "")
+        elif self.doubts:
+            first = f"Tuned, but {', '.join(self.doubts)}; {limits}; before using these gains, note"
         else:
             first = f"Tuned: {limits}"
             first += "; before using these gains, note" if self.cautions else ""
@@ -80,19 +84,20 @@ def judge(outcome: Outcome) -> TuneVerdict:
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     moving = outcome.run.moving
     searched = tightened(problem, outcome.run.factors).tuner
-    findings, over = analysis.analyse(searched, z, moving), caveats.excesses(objective, tuned_on[1], baseline)
+    findings, units = analysis.analyse(searched, z, moving), units_in(config.scenario)
+    over = caveats.excesses(objective, tuned_on[1], baseline, units)
     conflict = _conflict(outcome, findings) if over else []
     criteria, budget = config.criteria, problem.tuner.budget
     long = config.simulate.horizon > criteria.late
-    useless, cautions = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long)
+    useless, cautions, doubts = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long, units)
     there = _start_at_worst(outcome)
-    cautions += caveats.worst_case(objective, outcome.found, baseline, there)
+    cautions += caveats.worst_case(objective, outcome.found, baseline, there, units)
     cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)
     if np.array_equal(z, problem.tuner.gains.coordinates(config.controller)):
         cautions.append("nothing better than the starting gains was found: they are unchanged")
     cautions += [*_unit(outcome), *([outcome.stopped] if outcome.stopped else [])]
     worst = unseen[after["validation"].worst_index]
-    return TuneVerdict(before, after, findings, over, conflict, useless, cautions, tuned_on[0], there, worst)
+    return TuneVerdict(before, after, findings, over, conflict, useless, cautions, doubts, tuned_on[0], there, worst)
 
 
 def _unit(outcome: Outcome) -> list[str]:
@@ -119,7 +124,8 @@ def _start_at_worst(outcome: Outcome) -> dict[str, float]:
 
 def unmet(problem: TuningProblem, before: agvjax.Metrics, after: agvjax.Metrics) -> list[str]:
     """The limits that the tuned gains exceed by more than the tolerance, each with by how much."""
-    return caveats.excesses(problem.tuner.objective, after, baseline_of(problem, before))
+    units = units_in(problem.config.scenario)
+    return caveats.excesses(problem.tuner.objective, after, baseline_of(problem, before), units)
 
 
 def _conflict(outcome: Outcome, findings: Findings) -> list[str]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import agvjax
 from agvjax.draw import plot
 from agvjax.metric_table import METRICS, metrics_of
+from agvjax.metric_units import units_in
 
 from ..config import mapped
+from ..config.names import in_words
 from ..config.settings import FOLLOWED_METRICS, LATE, Config
 from ..ensemble.worst import statement
 from ..io import files
@@ -52,16 +53,16 @@ def conclusion(verdict: TuneVerdict) -> str:
     return "\n".join([f"**{first}**", "", *(f"* {line}" for line in rest)]).strip()
 
 
-def subject(config: Any) -> str:
+def subject(config: Config) -> str:
     """What was tuned, in a line."""
     law, scenario = config.controller, config.scenario
-    names = [type(part).__name__ for part in (law, scenario.plant, scenario.path)]
-    if isinstance(law, agvjax.Sampled):
-        names[0] = f"{type(law.inner).__name__} sampled every {float(law.period):g} s,"
     size, unseen = config.ensemble.size, config.ensemble.validation_size
+    which = in_words(law)
+    if isinstance(law, agvjax.Sampled):
+        which = f"{in_words(law.inner)}, one command every {float(law.period):g} s"
     return (
-        f"{names[0]} for the plant {names[1]} on the path {names[2]}, {config.simulate.horizon:g} s;"
-        f" {size} scenarios for tuning, {unseen} others for validation."
+        f"Law: {which}. Vehicle: {in_words(scenario.plant)}. Path: {in_words(scenario.path)}. Runs of"
+        f" {config.simulate.horizon:g} s; {size} scenarios for tuning, {unseen} others for validation."
     )
 
 
@@ -71,7 +72,7 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     problem, run, p = outcome.problem, outcome.run, outcome.progress
     config, objective, tuned = problem.config, problem.tuner.objective, problem.tuner.gains
     settings, before, after = config.tune, verdict.before, verdict.after
-    names = shown(problem)
+    names, units = shown(problem), units_in(config.scenario)
     places = len({row[1] for row in run.history if row[0] == 0})
     starts = f" from {places} starts" if places > 1 else ""
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
@@ -89,7 +90,9 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
     searched = "\n".join(f"* {line}" for line in [*statement(worst), *_worse(outcome)])
     conditions = CONDITIONS if tuned.stability else ""
     baseline = baseline_of(problem, verdict.start)
-    worst_table = tables.rounds(outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst)
+    worst_table = tables.rounds(
+        outcome.rounds, caveats.worst_bounds(objective, baseline), verdict.start_at_worst, units
+    )
     return f"""# Tuned gains
 
 {subject(config)}
@@ -108,7 +111,7 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 ## On {after["validation"].size} validation scenarios (not used for tuning)
 
-{tables.comparison(before["validation"], after["validation"], names)}
+{tables.comparison(before["validation"], after["validation"], names, units)}
 
 Mean and worst are over the runs that did not diverge. Evaluated at steps of
 {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
@@ -130,7 +133,7 @@ includes scenarios that earlier rounds added. Searched at steps of {settings.dt:
 
 ## {SENSITIVITIES}
 
-{tables.standings(verdict.findings)}
+{tables.standings(verdict.findings, units)}
 
 Level: for a goal its value / that with the starting gains, for a limit value / bound, for a lower limit
 2 - value / bound; a limit is met at a level of 1 or less. Shadow price: by how much the goal would fall if this limit
@@ -143,7 +146,7 @@ of the gain, at the tuned gains.
 
 ## {SEEN}
 
-{tables.comparison(before["tuning"], after["tuning"], names)}
+{tables.comparison(before["tuning"], after["tuning"], names, units)}
 
 ## {SEARCH}
 
@@ -199,7 +202,7 @@ def shown(problem: TuningProblem) -> tuple[str, ...]:
     return tuple(name for name in names if name in metrics_of(scenario, loop=True))
 
 
-def _path(config: Any) -> str:
+def _path(config: Config) -> str:
     """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
     reasons = "\n".join(f"* {text}" for text in agvjax.path_warnings(config.scenario, config.simulate.horizon))
     return f"\n## The path\n\nIt cannot be followed exactly with any gains:\n\n{reasons}\n" if reasons else ""
@@ -242,7 +245,7 @@ def _smooth_note(names: Sequence[str]) -> str:
     )
 
 
-def _cut(problem: Any) -> str:
+def _cut(problem: TuningProblem) -> str:
     tailed = [n for n, d in problem.config.ensemble.draws.items() if d.tailed]
     return f", except the outermost 0.1 % on either side of {', '.join(tailed)}" if tailed else ""
 
@@ -267,9 +270,10 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
     drawings: dict[str, Drawing] = {}
+    unit = config.scenario.plant.command_units[0]
     for name, (title, scene) in scenes.items():
         before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
-        drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path))
+        drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)

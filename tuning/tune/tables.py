@@ -9,6 +9,7 @@ import numpy as np
 
 from agvjax.leaves import element, unit_of
 from agvjax.metric_table import METRICS
+from agvjax.metric_units import PLAIN
 
 from ..io.pages import grid
 from . import figures
@@ -20,14 +21,14 @@ from .methods.objective import Requirement
 from .rounds import Round
 
 
-def comparison(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
+def comparison(before: Summary, after: Summary, metrics: Sequence[str], units: Mapping[str, str] = PLAIN) -> str:
     """Before, after and their ratio, as a Markdown table."""
 
     def change(old: float, new: float) -> list[str]:
         return [f"{old:.5g}", f"{new:.5g}", f"**{new / old:.3f}**" if old else ""]
 
     rows: list[list[object]] = [
-        [n, METRICS[n].unit, *change(before.mean[n], after.mean[n]), *change(before.worst[n], after.worst[n])]
+        [n, units[n], *change(before.mean[n], after.mean[n]), *change(before.worst[n], after.worst[n])]
         for n in metrics
         if not np.isnan(before.mean[n])  # no late error of a run that ends before it
     ]
@@ -90,14 +91,14 @@ def tightened(limits: Sequence[Requirement], rows: np.ndarray | None) -> str:
     return f" Limits that held at tune.dt but not at simulate.dt were tightened {times}: {', '.join(told)}."
 
 
-def standings(findings: Findings) -> str:
+def standings(findings: Findings, units: Mapping[str, str] = PLAIN) -> str:
     """Where every requirement stands, and by how much a gain moves it."""
     rows = []
     for s in findings.standings:
         kind = "goal" if not s.limit else "lower limit" if s.requirement.least else "limit"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
         price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
-        value = f"{s.value:.5g} {METRICS[s.requirement.metric].unit}"
+        value = f"{s.value:.5g} {units[s.requirement.metric]}"
         slopes = [figures.signed(x) for x in s.slopes]
         rows.append([s.requirement.name, kind, value, f"{s.level:.4f}", state, price, *slopes])
     return grid(["requirement", "", "value", "level", "", "shadow price", *findings.names], rows)
@@ -127,12 +128,15 @@ def identifiability(findings: Findings) -> list[str]:
 
 
 def rounds(
-    rows: Sequence[Round], bounds: Mapping[str, float] | None = None, start: Mapping[str, float] | None = None
+    rows: Sequence[Round],
+    bounds: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    units: Mapping[str, str] = PLAIN,
 ) -> str:
     """What every round came to; beside it the limits on the worst, and the starting gains where the last one looked."""
     last = max((r.round for r in rows), default=0)
     heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"]
-    cells = [[r.round, r.metric, METRICS[r.metric].unit, r.best, r.worst_found] for r in rows]
+    cells = [[r.round, r.metric, units[r.metric], r.best, r.worst_found] for r in rows]
     for head, values in (("limit", bounds), ("same scenario, starting gains", start)):
         if values is not None:
             heads.append(head)

@@ -51,6 +51,14 @@ def test_a_name_of_both_a_command_and_a_table_is_told_as_both(capsys):
     assert "agvjax sweep --help" in text and "sweep.samples" in text
 
 
+def test_a_gain_is_told_by_the_name_that_a_report_has_for_it(capsys):
+    """`inner.ahead` stands in tables; the key is controller.inner.ahead."""
+    text = said(capsys, "inner.ahead")
+    assert "controller.inner.ahead" in text and "how early the route's curvature is used" in text
+    text = said(capsys, "ahead")
+    assert "controller.inner.ahead" in text and "identify.ahead" in text
+
+
 def test_unknown_keys_are_all_refused_and_nothing_is_told(capsys):
     assert main(["explain", "tune.dt", "tune.penalti", "nothing-of-the-kind"]) == 2
     streams = capsys.readouterr()

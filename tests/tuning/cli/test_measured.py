@@ -22,3 +22,14 @@ def test_a_divergence_says_when_and_what_was_passed(limit):
     assert not run.ok and 0 < last < 900
     said = divergence(run, limit)
     assert f"at t = {1e-3 * last:.4g} s" in said and f"exceeded scenario.limit = {limit:g}" in said
+
+
+def test_a_divergence_says_what_it_looks_like():
+    """Feedback of the wrong sign runs away; one far too high for its delay throws the command to and fro."""
+    timing = {"dt": 1e-3, "n_steps": 1000}
+    scenario = dataclasses.replace(agvjax.Scenario(), limit=20.0)
+    run = agvjax.simulate(agvjax.NeuroBackstepping(k2=-30.0), scenario, **timing)
+    assert "did not oscillate: gains may be of the wrong sign" in divergence(run, 20.0)
+    late = dataclasses.replace(scenario, actuators={"position": agvjax.Delay(time=0.05, slots=52)})
+    run = agvjax.simulate(agvjax.Backstepping(k2=40.0), late, **timing)
+    assert not run.ok and "times in the last" in (said := divergence(run, 20.0)) and "too high for the delay" in said

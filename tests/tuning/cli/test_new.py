@@ -178,6 +178,9 @@ def test_what_was_not_given_is_asked_for_on_a_terminal(here, monkeypatch, capsys
 def test_what_was_not_given_is_said_where_nobody_can_be_asked(here, capsys):
     problem("--vehicle", "ackermann", "--wheelbase", 2)
     told = capsys.readouterr().out
+    slope = agvjax.Ackermann().deadzones()["speed"].slope_right
+    assert f"delivers {slope:g} of what is left (slope_right" in told
+    assert f"{slope:g} arrives, as assumed" in Path("agv.toml").read_text()
     assert "--steering-deadzone 0.0175 rad" in told and "--wheelbase" not in told.split("written")[0]
 
 

@@ -1,13 +1,16 @@
 """What is said of tuned gains besides the limits: from metrics written by hand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import agvjax
+from agvjax.metric_table import Followed
 from tuning.ensemble.worst import Found
 from tuning.tune import caveats
 from tuning.tune.gains import Gains
-from tuning.tune.judge import summary
+from tuning.tune.judge import TuneVerdict, summary
 from tuning.tune.methods.objective import Objective, Requirement, within
 
 GOAL = (Requirement("total_rmse", "mean", 1.0),)
@@ -33,7 +36,7 @@ def metrics(rmse, *, late=0.01, settled=True, ok=True, command=1.0):
 
 
 def said(before, after, objective=None, budget=None):
-    return caveats.unseen(objective or Objective(goals=GOAL, limits=()), before, after, budget, 0.05)
+    return caveats.unseen(objective or Objective(goals=GOAL, limits=()), before, after, budget, 0.05)[:2]
 
 
 def test_gains_that_are_better_and_settle_need_no_word():
@@ -60,7 +63,7 @@ def test_where_all_diverged_before_none_had_settled_either():
 
 def test_runs_too_short_to_settle_are_a_caution():
     runs = metrics([0.2] * 4, settled=False), metrics([0.1] * 4, settled=False)
-    failures, cautions = caveats.unseen(Objective(goals=GOAL, limits=()), *runs, None, 0.05, long=False)
+    failures, cautions, _ = caveats.unseen(Objective(goals=GOAL, limits=()), *runs, None, 0.05, long=False)
     assert failures == [] and cautions[0].startswith("4 of 4 validation runs have not settled")
 
 
@@ -90,12 +93,37 @@ def test_limits_hold_relative_to_the_starting_gains_in_the_same_scenarios():
     same = said(metrics([0.2] * 2, command=3.0), metrics([0.1] * 2, command=3.0), objective)
     assert same == ([], [])
     _, cautions = said(metrics([0.2] * 2, command=3.0), metrics([0.1] * 2, command=[3.0, 3.3]), objective)
-    assert "on the validation scenarios mean peak_heading is 3.15, 5.00% above its limit 3" in cautions
-    assert "on the validation scenarios worst peak_heading is 3.3, 10.00% above its limit 3" in cautions
+    assert "on the validation scenarios mean peak_heading is 3.15 rad/s, 5.00% above its limit 3" in cautions
+    assert "on the validation scenarios worst peak_heading is 3.3 rad/s, 10.00% above its limit 3" in cautions
+
+
+def test_a_limit_missed_and_an_error_that_rose_where_nobody_tuned_are_named_in_the_verdict():
+    """The second vehicle sends 3.3 rad/s of 3; its distance after the start rose from 100 to 106 mm, the mean fell."""
+
+    def followed(peaks):
+        some = dict.fromkeys((f.name for f in dataclasses.fields(Followed)), np.ones(2))
+        return Followed(**some | {"cross_track_peak_late": np.array(peaks)})
+
+    objective = Objective(goals=GOAL, limits=within({"peak_heading": 1.0})[1:])
+    before, after = (
+        dataclasses.replace(metrics([error] * 2, command=command), followed=followed(peaks))
+        for error, command, peaks in ((0.2, 3.0, [0.1, 0.05]), (0.1, [2.7, 3.3], [0.01, 0.106]))
+    )
+    failures, cautions, doubts = caveats.unseen(objective, before, after, None, 0.05)
+    assert failures == [] and len(cautions) == 2
+    assert doubts == [
+        "worst peak_heading misses its limit by 10% on the validation scenarios",
+        "worst cross_track_peak_late rose by 6%",
+    ]
+    verdict = TuneVerdict({}, {}, None, [], [], [], cautions, doubts, before, {}, None)
+    assert verdict.failure == ""
+    first, *rest = verdict.lines
+    assert first.startswith(f"Tuned, but {doubts[0]}, {doubts[1]}; ") and rest == cautions
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(9.0, ""), (10.005, ""), (12.0, "effort 12, 20% above the limit 10"), (np.inf, "diverges")]
+    ("value", "text"),
+    [(9.0, ""), (10.005, ""), (12.0, "effort 12 mixed units, 20% above the limit 10"), (np.inf, "diverges")],
 )
 def test_the_worst_case_is_held_against_the_limit(value, text):
     objective = Objective(goals=GOAL, limits=within({"effort": 2.0}))
@@ -109,7 +137,7 @@ def test_a_worst_case_that_the_starting_gains_stand_better_is_said_where_no_limi
     objective, baseline = Objective(goals=GOAL, limits=()), np.full((3, 1), 5.0)
     lines = caveats.worst_case(objective, [Found("total_rmse", value, {}, 1, 1, 1)], baseline, {"total_rmse": 4.0})
     assert len(lines) == said
-    text = "has total_rmse 4.3, where the starting gains have 4 (--set tune.search.rounds=3"
+    text = "has total_rmse 4.3 m, rad, where the starting gains have 4 (--set tune.search.rounds=3"
     assert all(text in line for line in lines)
 
 

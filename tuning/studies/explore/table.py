@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from agvjax.metric_table import METRICS, metrics_of
+from agvjax.metric_table import metrics_of
+from agvjax.metric_units import units_in
 
 from ...config.settings import FOLLOWED_METRICS, SWEPT_METRICS, Config
 from .rollout import VEHICLES, Shown
@@ -25,9 +26,10 @@ def table(config: Config, now: Shown, before: Shown, serial: int = 0) -> str:
     """The table as HTML; `serial` says how often it was written."""
     heads = ("metric", "this run", f"mean of {VEHICLES}", f"worst of {VEHICLES}")
     lines = ["<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
+    units = units_in(config.scenario)
     for name in rows(config):
         pairs = ((now.metrics, before.metrics), (now.mean, before.mean), (now.worst, before.worst))
-        label = f"{name.replace('_', ' ')}<span>{METRICS[name].unit.replace('share of', 'of')}</span>"
+        label = f"{name.replace('_', ' ')}<span>{units[name].replace('share of', 'of')}</span>"
         cells = [label, *(_cell(name, *pair) for pair in pairs)]
         lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     note = f"Grey: as configured, if different. {VEHICLES} vehicles, drawn and simulated as by agvjax tune."

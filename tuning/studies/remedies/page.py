@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import agvjax
-from agvjax.metric_table import METRICS
+from agvjax.metric_units import units_in
 
 from ...config import gains_table
 from ...io import files
@@ -53,18 +53,17 @@ def table(made: list[Json]) -> str:
     return grid(header, lines)
 
 
-def brief(made: list[Json], metric: str) -> str:
+def brief(made: list[Json], metric: str, unit: str) -> str:
     """The same for a terminal, of tuned gains."""
     lines = [
         [LABELS[row["remedy"]] + ("" if row["met"] else " (budget not met)")]
         + [f"{1e3 * row[f'{key}_after{noise}']:.4g}" for noise in ("", "_noise") for key in ("mean", "worst")]
         for row in made
     ]
-    unit = METRICS[metric].unit
     return grid([f"{metric} [10^-3 {unit}]", "mean", "worst", "with noise, mean", "worst"], lines)
 
 
-def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figure:
+def figure(made: list[Json], metric: str, unit: str) -> Figure:
     """Mean error of every remedy, own gains and tuned, and tuned with noise; lines reach to the worst vehicle."""
     drawn, ((axes,),) = panels(1, 1, (9.0, 4.6), "both")
     kinds = (("own gains", "before", "", "o", "w"), ("tuned", "after", "", "o", "k"))
@@ -77,7 +76,7 @@ def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figur
         axes.plot(places, worst[shown], "_", color="k", ms=6)
         axes.plot(places, heights, marker, color=color, mec="k", ms=6, label=label)
     axes.set_xticks(np.arange(len(made)), [LABELS[row["remedy"]] for row in made], rotation=25, ha="right", fontsize=8)
-    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {METRICS[metric].unit}]: mean, and worst")
+    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {unit}]: mean, and worst")
     axes.grid(visible=False, axis="x", which="both")
     axes.legend(fontsize=8)
     return drawn
@@ -86,6 +85,7 @@ def figure(judged: Mapping[str, Judged], made: list[Json], metric: str) -> Figur
 def write(study: Study, judged: Mapping[str, Judged], wrong: Mapping[str, agvjax.Metrics], out: Path) -> str:
     """Table, figure, gains and page into a folder; returns what is printed."""
     metric = metric_of(study.config)
+    unit = units_in(study.config.scenario)[metric]
     made = rows(judged, metric)
     said = statements(made, judged, wrong, metric)
     files.write_csv(out / "remedies.csv", made[0], [list(row.values()) for row in made])
@@ -96,16 +96,17 @@ def write(study: Study, judged: Mapping[str, Judged], wrong: Mapping[str, agvjax
     files.write_json(out / "remedies.json", found | {"each_vehicle": each, "mistaken_after_tuning": mistaken})
     for name, one in judged.items():
         files.write(out / f"gains-{name}.toml", gains_table(one.found.controller))
-    drawing = {"remedies": lambda: caption("remedies", figure(judged, made, metric), COMMAND)}
+    drawing = {"remedies": lambda: caption("remedies", figure(made, metric, unit), COMMAND)}
     lost = write_figures(out, drawing)
     text = _page(study, judged, made, said)
     publish(out, text, ("The budget", "The gains"))
-    return "\n".join([brief(made, metric), "", *said, *lost])
+    return "\n".join([brief(made, metric, unit), "", *said, *lost])
 
 
 # long: one template
 def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: list[str]) -> str:
     config, metric = study.config, metric_of(study.config)
+    unit = units_in(config.scenario)[metric]
     sizes, sensor = config.ensemble, study.sensor(True)
     limits = grid(
         ["limit", "mean", "worst", "worst tenth"],
@@ -130,7 +131,7 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
 
 {table(made)}
 
-Own gains / tuned, {metric} [10^-3 {METRICS[metric].unit}], on {sizes.validation_size} validation vehicles; over the
+Own gains / tuned, {metric} [10^-3 {unit}], on {sizes.validation_size} validation vehicles; over the
 runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the same tuner
 on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at the remedy's
 own gains and at the best of {config.tune.screen} screened gain sets. Noise: {sensor}.

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import agvjax
 
 from ...config import dump
+from ...config.names import in_words
 from ...io import files
 from ...io.pages import grid, meanings, picture, publish
 from ...io.pictures import Drawing, write_figures
@@ -131,9 +132,10 @@ def _page(study: Study, tried: list[Tried], said: list[str], places: list[Place]
 
 {lines}
 {run}
-{type(law).__name__} on {type(config.scenario.plant).__name__}, runs of {config.simulate.horizon:g} s. Distances are the
-largest of a run to the nearest point of the route, for {unseen} vehicles not used for tuning. They count after the
-start-up phase: from {config.speed.after:g} s at the configured speed, and from the same distance at any other.
+Law: {in_words(law)}. Vehicle: {in_words(config.scenario.plant)}. Runs of {config.simulate.horizon:g} s.
+Distances are the largest of a run to the nearest point of the route, for {unseen} vehicles not used for tuning. They
+count after the start-up phase: from {config.speed.after:g} s at the configured speed, and from the same distance at any
+other.
 
 {picture("speed.png", CURVE)}
 
