@@ -11,7 +11,7 @@ from .fit import Fit
 from .log import Log
 from .predict import Prediction
 from .segments import noise
-from .verdict import Estimate, FitVerdict
+from .verdict import LOOKS, Estimate, FitVerdict
 
 LOST = 0.1  # share of outliers beyond which a fit is one of the rest alone
 CLOSE = 2.0  # times the noise of what is measured: a prediction as good as one can see
@@ -42,9 +42,10 @@ def conclude(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence
         ahead: predictions of other drives, or of the logs themselves; none where they are too short.
         own: whether they are of the logs themselves.
     """
-    said = beside(ahead, own) if ahead else "No drive is long enough to be predicted."
+    short = " No drive is long enough to be predicted." if verdict.identified else ""  # else nothing predicts any
+    said = f" {beside(ahead, own)}" if ahead else short
     if why := _no_good(logs, fit, verdict, ahead, own):
-        return Conclusion(False, f"These numbers are not good: {why}. {said}")
+        return Conclusion(False, f"These numbers are not good: {why}.{said}")
     known, lost = told(verdict.estimates)
     text = "These numbers are good for tuning" if not lost else f"These numbers are good for {_listed(known)}"
     text += f", not for {_listed(lost)}" if lost else ""
@@ -52,7 +53,7 @@ def conclude(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence
         text += f"; their intervals may be too narrow, since the model lacks something in {_listed(lacks)}"
     if change := verdict.left.change:
         text += f"; from t = {change.t:.0f} s on the machine behaves differently ({change.name} by {change.by:+.2g})"
-    return Conclusion(True, f"{text}. {said}")
+    return Conclusion(True, f"{text}.{said}")
 
 
 def told(estimates: Sequence[Estimate]) -> tuple[list[str], list[str]]:
@@ -92,7 +93,9 @@ def together(parts: Sequence[tuple[float, int]]) -> float:
 def _no_good(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence[Prediction], own: bool) -> str:
     """Why numbers are good for nothing; empty where they are."""
     if not verdict.identified:
-        return "this drive tells none of what was asked for"
+        alike = next((f": {e.name} {e.reason}" for e in verdict.estimates if e.reason.startswith(LOOKS)), "")
+        advice = "; leave one of them out of --fit, as it is assumed, or drive what tells them apart" if alike else ""
+        return f"this drive tells none of what was asked for{alike}{advice}"
     counted = int((fit.segments.weight > 0).sum())
     if (lost := fit.counts.outliers / max(counted + fit.counts.outliers, 1)) > LOST:
         return f"{lost:.0%} of the measurements fit nothing and were left out"

@@ -28,6 +28,7 @@ DISAGREE = 3.5  # deviations of their difference, beyond which what these two sa
 SELF = 0.1  # of a stretch's own pull, that remains at least of what it says
 FEWEST = 3.0  # stretches that count as telling a number, however few do
 ALIKE = 0.8  # correlation from which two parameters are named together
+LOOKS = "looks like"  # a number that another one makes up for
 
 
 class Estimate(NamedTuple):
@@ -206,7 +207,7 @@ def _estimate(
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
-        reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
+        reason = f"{LOOKS} {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
     interval = max(value - half, q.low), min(value + half, q.high)
     numbers = (value, deviation, gauss_newton, bootstrapped, *interval)
     return Estimate(q.name, q.unit, *numbers, bool(identified), reason, "" if identified else drive)
