@@ -14,6 +14,7 @@ import numpy as np
 
 from .fit import Fit, information
 from .log import Log
+from .parameters import widths
 from .segments import Segments, thinned
 
 GOES, TURNS = "where it goes", "how it turns"
@@ -24,8 +25,9 @@ EARLIER = np.arange(0.1, 1.25, 0.1)  # s, before which commands are looked at
 ENOUGH, COMPARED = 20, 200  # stretches below which nothing can be said, and above which only some are compared
 CHANCE, RARE = 2.5, 0.95  # deviations from what chance does, and share of the cases of chance, to be exceeded
 UNEVEN = 1.75  # times what noise does, that what is left may vary from stretch to stretch
-ORDERS, SURE = 400, 0.99  # of the stretches, that are tried; share of them that must shift less
-EDGE = 0.1  # share of the stretches before and behind a change, at least
+ORDERS, SURE = 200, 0.99  # of the stretches, that are tried; share of them that must shift less
+EDGE, BREAKS = 0.1, 40  # share of the stretches before and behind a change, at least; how many places are tried
+EASE = 1e-9  # of the matrix's own size, added where a half tells nothing of a number
 
 
 class Change(NamedTuple):
@@ -151,33 +153,37 @@ def uneven(fit: Fit) -> dict[str, tuple[float, float]]:
 def changed(fit: Fit, seed: int) -> Change | None:
     """Whether numbers shift along the log: more than if the same stretches had come in any other order.
 
-    What each stretch alone would move a number by is summed up from the first one on; of a machine that stays the same
-    the sums stay near 0.
+    What is before and what is behind some stretch is fitted for itself, one Gauss-Newton step each: how much less is
+    left then is compared with what that comes to in other orders (Quandt 1960, judged by permutations).
     """
-    slope, count = fit.sums.slope[:, fit.free], len(fit.sums.slope)
+    place, count = np.ix_(fit.free, fit.free), len(fit.sums.slope)
     if count < ENOUGH:
         return None
-    H = information(fit.sums, fit.parameters)[np.ix_(fit.free, fit.free)]
-    scale = np.sqrt(np.diag(H))
-    moves = -np.linalg.solve(H / np.outer(scale, scale), (slope / scale).T).T / scale * count
-    moves = moves - moves.mean(axis=0)
-    spread = np.maximum(moves.std(axis=0), 1e-300)
-    k = np.arange(max(2, int(EDGE * count)), int((1 - EDGE) * count))
+    scale = np.sqrt(np.diag(information(fit.sums, fit.parameters)[place]))
+    H = np.stack([own[place] for own in fit.sums.matrix]) / np.outer(scale, scale)
+    g = fit.sums.slope[:, fit.free] / scale
+    prior = np.diag((widths(fit.parameters)[fit.free] * scale) ** -2.0) + EASE * np.eye(len(scale))
+    first, last = max(2, int(EDGE * count)), int((1 - EDGE) * count)
+    k = np.unique(np.linspace(first, last, min(BREAKS, last - first + 1)).round().astype(int))
 
-    def shift(order: np.ndarray) -> np.ndarray:
-        """How many deviations what is before each k is off what is usual (k, P)."""
-        before = np.cumsum(moves[order], axis=0)[k - 1]
-        return np.abs(before) / spread / np.sqrt(k * (count - k) / count)[:, None]
+    def halves(order: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where numbers go behind and before each k (2, k, P), by how sure (2, k, P, P), how much less is left (k)."""
+        sums, slopes = np.cumsum(H[order], axis=0), np.cumsum(g[order], axis=0)
+        both = np.stack([sums[-1] - sums[k - 1], sums[k - 1]]) + prior
+        pull = np.stack([slopes[-1] - slopes[k - 1], slopes[k - 1]])
+        moves = -np.linalg.solve(both, pull[..., None])[..., 0]
+        return moves, both, -(moves * pull).sum(axis=(0, -1))
 
     rng = np.random.default_rng([seed, 0xC4A])
-    chance = [float(shift(rng.permutation(count)).max()) for _ in range(ORDERS)]
-    seen = shift(np.arange(count))
-    if seen.max() <= np.quantile(chance, SURE):
+    chance = [float(halves(rng.permutation(count))[2].max()) for _ in range(ORDERS)]
+    moves, both, gain = halves(np.arange(count))
+    if gain.max() <= np.quantile(chance, SURE):
         return None
-    at, i = np.unravel_index(seen.argmax(), seen.shape)
+    at = int(gain.argmax())
+    by, spread = moves[0, at] - moves[1, at], np.linalg.inv(both[:, at]).sum(axis=0).diagonal()
+    i = int(np.argmax(np.abs(by) / np.sqrt(spread)))
     names = [q.name for q, free in zip(fit.parameters, fit.free, strict=True) if free]
-    by = moves[k[at] :, i].mean() - moves[: k[at], i].mean()
-    return Change(float(_begins(fit.segments)[k[at]]), names[i], float(by))
+    return Change(float(_begins(fit.segments)[k[at]]), names[i], float(by[i] / scale[i]))
 
 
 def _begins(segments: Segments) -> np.ndarray:
