@@ -14,6 +14,7 @@ from .segments import noise
 from .verdict import LOOKS, Estimate, FitVerdict
 
 LOST = 0.1  # share of outliers beyond which a fit is one of the rest alone
+BETTER = 0.9  # times the error of a plain model, at most, of what explains more than it
 CLOSE = 2.0  # times the noise of what is measured: a prediction as good as one can see
 KINDS = {  # of numbers, by how their names begin and end
     "deadzones": ("deadzone.", ""),
@@ -104,9 +105,10 @@ def _no_good(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence
     rms, others = together([(p.rms, p.windows) for p in ahead]), plain(ahead)
     places = [fit.model.channels.index(name) for name in ("x", "y")]
     seen = float(np.hypot(*noise(logs)[places]))
-    if others and rms >= min(others.values()) and rms > CLOSE * seen:
+    if others and rms > BETTER * min(others.values()) and rms > CLOSE * seen:
         best = min(others, key=lambda name: others[name])
-        return f"they explain {'the' if own else 'another'} drive no better than {best}"
+        how = "no" if rms >= others[best] else "hardly"
+        return f"they explain {'the' if own else 'another'} drive {how} better than {best}"
     return ""
 
 
