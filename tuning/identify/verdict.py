@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
 
 from ..config.settings import Identify
 from .fit import SETTLED, WORTH, Fit, Task, fit, information, refitted
@@ -179,6 +178,8 @@ def _quantile(fit: Fit, covariance: np.ndarray) -> np.ndarray:
 
     Their number is (sum a)^2 / sum a^2, where a_s is what a stretch has part in a number's variance.
     """
+    from scipy.stats import t as student  # late: a second that few runs need
+
     part = np.einsum("ij,sjk,ki->si", covariance, fit.sums.matrix, covariance)
     total = np.maximum(part.sum(axis=0), 1e-300)
     some = np.where(part.any(axis=0), total**2 / np.maximum((part**2).sum(axis=0), 1e-300), np.inf)

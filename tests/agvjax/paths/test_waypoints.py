@@ -321,7 +321,7 @@ BAD_FILES = {
     "one": ("t,x\n0,1\n", "at least 2 rows below its header; it has 1"),
     "column": ("time,x\n0,1\n1,1\n", "has no column t; its first row has time, x"),
     "numbers": ("0,1\n1,2\n2,3\n", "has no column t; it has no header, and its columns are called 1, 2"),
-    "decimal commas": ("t;x\n0,5;1\n1,5;2\n", "row 2, column t: '0,5' must be a finite number"),
+    "decimal commas and points": ("t;x\n0,5;1\n1,5;2.5\n", "one decimal mark: 0,5 in row 2, 2.5 in row 3"),
     "date alone": (
         "t,x\n2025-11-28,1\n2025-11-29,2\n",
         "row 2, column t: '2025-11-28' must be seconds, or a date",
