@@ -19,6 +19,7 @@ from .methods.objective import TOLERANCE, Objective, Requirement
 WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
 MUCH_WORSE = 0.5  # the same of a metric that is no error
+DOUBTED = 0.01  # share of a limit by which unseen runs must exceed it for the verdict to name it
 ERRORS = (*LATE, "cross_track_peak_late", "longest_settling_time", "limited")
 COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
 PEOPLE_LOOK_AT = dict.fromkeys(ERRORS, WORSE) | dict.fromkeys(COMMANDS, MUCH_WORSE)  # and by how much it must rise
@@ -122,7 +123,8 @@ def unseen(  # long: a paragraph for each thing that may be said
                 (cautions if level <= 1 + MUCH_WORSE else failures).append(words)
         over = missed(everyone, after, baseline if budget is None else budget)
         cautions += [f"on the validation scenarios {one.told(units)}" for one in over]
-        doubts += [f"{one.limit.name} misses its limit by {one.excess:.0%} on the validation scenarios" for one in over]
+        far = [one for one in over if one.excess > DOUBTED]
+        doubts += [f"{one.limit.name} misses its limit by {one.excess:.0%} on the validation scenarios" for one in far]
     risen = _risen(before, after, kept_before & kept)
     numbers = "{0.statistic} {0.metric} rose from {0.before:.3g} to {0.after:.3g} {1}{2}"
     cautions += [numbers.format(r, units[r.metric], f" ({r.share})" if r.share else "") for r in risen]

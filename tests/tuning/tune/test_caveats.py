@@ -97,6 +97,14 @@ def test_limits_hold_relative_to_the_starting_gains_in_the_same_scenarios():
     assert "on the validation scenarios worst peak_heading is 3.3 rad/s, 10.00% above its limit 3" in cautions
 
 
+@pytest.mark.parametrize("sent, named", [(3.029, False), (3.031, True)])
+def test_a_limit_missed_by_less_than_a_hundredth_is_a_caveat_and_no_but(sent, named):
+    objective = Objective(goals=GOAL, limits=within({"peak_heading": 1.0})[1:])
+    runs = metrics([0.2] * 2, command=3.0), metrics([0.1] * 2, command=[2.0, sent])
+    _, cautions, doubts = caveats.unseen(objective, *runs, None, 0.05)
+    assert len(cautions) == 1 and "above its limit 3" in cautions[0] and bool(doubts) == named
+
+
 def test_a_limit_missed_and_an_error_that_rose_where_nobody_tuned_are_named_in_the_verdict():
     """The second vehicle sends 3.3 rad/s of 3; its distance after the start rose from 100 to 106 mm, the mean fell."""
 
