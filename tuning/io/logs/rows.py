@@ -13,6 +13,7 @@ from ..headings import unwrapped
 from .recording import CLOCKS, Recording, Stream, longest
 from .roles import Role, Values
 
+TOGETHER = 0.5  # 1: all commands change at the same part of a row's step; 0: at any
 SHORTEST, MOST_ROWS = 0.002, 5_000_000  # s, a row's step at least; rows
 NOTHING_NAMED: Mapping[str, Column] = {}
 
@@ -82,6 +83,7 @@ def table(
         raise ValueError("no topic of it is of a type that serves by itself; name its numbers as TOPIC.FIELD")
     stamps, note = stamps_of(streams, asked)
     t, begin, step = _clock(streams, stamps)
+    begin += _phase([_changes(s.times(stamps), values) for s, values, held in sources if held], begin, step)
     columns: dict[str, np.ndarray] = {"t": begin * 1e-9 + t}
     for stream, values, held in sources:
         laid = _laid((stream.times(stamps) - begin) * 1e-9, values, t, step, held)
@@ -118,6 +120,25 @@ def _clock(streams: Sequence[Stream], stamps: str) -> tuple[np.ndarray, int, flo
     if count > MOST_ROWS:
         raise ValueError(f"{count} rows of {step:g} s, more than {MOST_ROWS}: cut it first")
     return np.arange(count) * step, begin, step
+
+
+def _changes(own: np.ndarray, values: Values) -> np.ndarray:
+    """When [ns] a command became another one, of commands (n,) at their own times."""
+    order = np.argsort(own, kind="stable")
+    new = [np.diff(value[order]) != 0 for value in values.values()]
+    return own[order][1:][np.logical_or.reduce(new)] if new else own[:0]
+
+
+def _phase(changes: Sequence[np.ndarray], begin: int, step: float) -> int:
+    """How much later [ns] rows begin so that commands that change in time with them are on average not moved.
+
+    A command begins in a row: one second apart, all of them would be moved by the same part of a step, and a delay that
+    is identified would be off by it.
+    """
+    when = np.concatenate([np.zeros(0), *((own - begin) * 1e-9 for own in changes)])
+    mean = complex(np.mean(np.exp(2j * np.pi * when / step))) if when.size else 0j
+    share = np.angle(mean) / (2 * np.pi) % 1.0
+    return round(share * step * 1e9) if abs(mean) > TOGETHER and share < 1 - 1e-6 else 0  # a whole step is none
 
 
 def _laid(
