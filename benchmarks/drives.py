@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -19,9 +18,10 @@ from typing import Any
 
 import tomli_w
 
+from tuning.identify.plain import AT_ONCE, LAGGING
+
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "build" / "drives"
-PLAIN = ("kinematics that obey at once", "a first-order lag")
 LISTED = HERE / "drives.toml"
 
 
@@ -39,22 +39,19 @@ def _row(name: str, drive: dict[str, Any]) -> dict[str, Any]:
     options += ["--fit", drive["fit"]] if "fit" in drive else []
     shutil.rmtree(out, ignore_errors=True)
     command = [sys.executable, "-m", "tuning.cli", "identify", str(learned), "--unseen", str(unseen), *options]
-    ours = ("XLA_FLAGS", "TF_CPP_MIN_LOG_LEVEL")  # set by the JAX of this process
-    environment = {key: value for key, value in os.environ.items() if key not in ours}
-    subprocess.run(command, check=False, env=environment)  # 1: the numbers are not good
+    subprocess.run(command, check=False)  # 1: the numbers are not good
     return {"drive": name, "machine": drive["machine"]} | told(json.loads((out / "estimates.json").read_text()))
 
 
 def told(found: dict[str, Any]) -> dict[str, Any]:
     """What a table has room for, of estimates.json."""
-    rms = {name: "" for name in ("identified", *PLAIN)}
-    for unseen in found["predictions"]:  # one, or none where nothing is identified
-        rms = {"identified": unseen["rms"], **unseen["plain"]}
+    unseen = next(iter(found["predictions"]), {"rms": None, "plain": {}})  # none where nothing is identified
+    rms = {"identified": unseen["rms"], **{name: unseen["plain"].get(name) for name in (AT_ONCE, LAGGING)}}
     count = sum(one["identified"] for one in found["parameters"].values())
     return {
         "verdict": found["conclusion"].split(":")[0],
         "parameters": f"{count} of {len(found['parameters'])}",
-        **{f"{name}, 5 s ahead [mm]": round(1e3 * value, 1) if value != "" else "" for name, value in rms.items()},
+        **{f"{name}, 5 s ahead [mm]": "" if value is None else round(1e3 * value, 1) for name, value in rms.items()},
     }
 
 

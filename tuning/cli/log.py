@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with console.phases() as phases:
             phase = phases.begin("reading", unit="messages")
-            recording = read(arguments.file, lambda count: phase.advance(count - phase.done))
+            recording = read(arguments.file, phase.advance)
             found = chosen(recording, asked)
             rows = table(recording, found, asked=arguments.stamps or "auto") if found else None
     except ValueError as error:

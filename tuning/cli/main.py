@@ -195,7 +195,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     # before JAX: compilers say more than a user can use, and of every program they kept that it is of another machine
     # (jaxlib 0.10 on processors with AVX-512, openxla/xla issue 44565); what fails comes as an exception all the same
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1":  # what JAX sets in whatever process starts this one
+        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
     try:
         command = importlib.import_module(f".{arguments.command}", __package__)  # late: --help needs no JAX
         from agvjax import InputError

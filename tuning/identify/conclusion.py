@@ -11,7 +11,7 @@ from .fit import Fit
 from .log import Log
 from .predict import Prediction
 from .segments import noise
-from .verdict import LOOKS, Estimate, FitVerdict
+from .verdict import Estimate, FitVerdict
 
 LOST = 0.1  # share of outliers beyond which a fit is one of the rest alone
 BETTER = 0.9  # times the error of a plain model, at most, of what explains more than it
@@ -94,7 +94,7 @@ def together(parts: Sequence[tuple[float, int]]) -> float:
 def _no_good(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence[Prediction], own: bool) -> str:
     """Why numbers are good for nothing; empty where they are."""
     if not verdict.identified:
-        alike = next((f": {e.name} {e.reason}" for e in verdict.estimates if e.reason.startswith(LOOKS)), "")
+        alike = next((f": {e.name} {e.reason}" for e in verdict.estimates if e.alike), "")
         advice = "; leave one of them out of --fit, as it is assumed, or drive what tells them apart" if alike else ""
         return f"this drive tells none of what was asked for{alike}{advice}"
     counted = int((fit.segments.weight > 0).sum())

@@ -101,6 +101,8 @@ class Search:
 
     def run(self, p: np.ndarray, free: np.ndarray, most: int) -> tuple[np.ndarray, float]:
         """The best p with only the free ones moved, from p on."""
+        from scipy.optimize import least_squares  # late, as below: `agvjax log` fits nothing
+
         low, high = np.array([(q.low, q.high) for q in self.parameters])[free].T
 
         def whole(x: np.ndarray) -> np.ndarray:
@@ -110,8 +112,6 @@ class Search:
 
         gap = 1e-6 * (high - low)
         first = np.clip(p[free], low + gap, high - gap)
-        from scipy.optimize import least_squares  # late, as below: `agvjax log` fits nothing
-
         done = least_squares(
             lambda x: self.triangle(whole(x), free)[0],
             first,
@@ -205,10 +205,10 @@ def refitted(before: Fit, p: np.ndarray, free: np.ndarray, absent: Mapping[str, 
 
 def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
     """Nominal first, then Sobol points: slopes within three times, thresholds up to a half of the largest command."""
-    amplitudes = wavy & np.array([q.name != OMEGA for q in parameters])
-    p = np.where(amplitudes, 0.0, wanted.values(parameters))
     from scipy.stats import qmc
 
+    amplitudes = wavy & np.array([q.name != OMEGA for q in parameters])
+    p = np.where(amplitudes, 0.0, wanted.values(parameters))
     shares = qmc.Sobol(len(p), rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[: count - 1]
 
     def moved(q: Parameter, nominal: float, share: float) -> float:

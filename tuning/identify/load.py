@@ -76,7 +76,9 @@ def load(
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
-            values = _recorded(file, columns, {*itertools.chain(*tongues)}, topics, stamps, count)
+            here = {name: where[name] for name in columns if name in where}  # the others stand where their types say
+            values = _recorded(file, here, {*itertools.chain(*tongues)}, topics, stamps, count)
+            values = {name: x for name, x in values.items() if columns.get(name) != NONE}  # empty: not to be read
             tongue = tongue or _tongue(tongues, values)
             values = _told(values, (*pose, *asked), tongue)
         else:
@@ -105,7 +107,7 @@ def load(
 
 def _recorded(
     file: str,
-    columns: Mapping[str, Column],
+    named: Mapping[str, Column],
     commands: Collection[str],
     topics: Mapping[str, str],
     stamps: str,
@@ -116,20 +118,11 @@ def _recorded(
     Raises:
         ValueError: it cannot be read.
     """
-    before = 0
-
-    def grown(now: int) -> None:
-        nonlocal before
-        before, _ = now, count(now - before)
-
-    recording = recordings.read(file, grown)
-    named = {name: place for name, place in columns.items() if place.parts}
-    named |= {name: _in_degrees(named[name]) for name in ON_EARTH if name in named}
+    recording = recordings.read(file, count)
     if "t" in named:
         raise ValueError(f"t = {named['t'].words} must be left out: a recording has the times of its messages")
     found = chosen(recording, topics, list(named))
-    rows = rows_of(recording, found, named, commands, stamps).columns
-    return {name: values for name, values in rows.items() if columns.get(name) != NONE}  # an empty name: not to be read
+    return rows_of(recording, found, named, commands, stamps).columns
 
 
 def _told(table: Mapping[str, np.ndarray], must: Sequence[str], commands: Sequence[str]) -> dict[str, np.ndarray]:
@@ -209,13 +202,8 @@ def _places(columns: Mapping[str, Column], names: Sequence[str]) -> dict[str, Co
     """Where each name stands: by its own name unless another has that column; not the ones that are not to be read."""
     taken = {part for place in columns.values() for part in place.parts}
     where = {name: columns.get(name, Column("" if name in taken else name)) for name in names}
-    where |= {name: _in_degrees(where[name]) for name in ON_EARTH if name in where}
+    where |= {n: where[n]._replace(unit=where[n].unit or "deg") for n in ON_EARTH if n in where}
     return {name: place for name, place in where.items() if place.parts}
-
-
-def _in_degrees(place: Column) -> Column:
-    """A latitude or longitude, in degrees unless its unit is said."""
-    return place._replace(unit=place.unit or "deg")
 
 
 def _too_large(values: Mapping[str, np.ndarray], where: Mapping[str, Column]) -> list[Fault]:

@@ -27,7 +27,6 @@ DISAGREE = 3.5  # deviations of their difference, beyond which what these two sa
 SELF = 0.1  # of a stretch's own pull, that remains at least of what it says
 FEWEST = 3.0  # stretches that count as telling a number, however few do
 ALIKE = 0.8  # correlation from which two parameters are named together
-LOOKS = "looks like"  # a number that another one makes up for
 
 
 class Estimate(NamedTuple):
@@ -44,6 +43,7 @@ class Estimate(NamedTuple):
     identified: bool = False
     reason: str = ""  # why not; empty where it is
     drive: str = ""  # what drive would tell; empty where none is needed
+    alike: tuple[str, ...] = ()  # numbers that make up for it in this drive
 
     @property
     def absent(self) -> bool:
@@ -197,7 +197,7 @@ def _estimate(
     half = wide * deviation
     sharper = deviation < SHARPER * q.width  # or it is what was believed before
     identified, reason, drive = sharper and half <= max(PRECISE * abs(value), 2 * q.floor), "", advice(q.name)
-    near = NEAR * (q.high - q.low)
+    near, others = NEAR * (q.high - q.low), []
     sank = value - q.low < near < q.nominal - value  # to the least that it can be: the log felt that much
     if words := _edge(q, value, half if identified else 0.0, step / max(deviation, 1e-300)):
         identified, reason = False, words  # asked first: what ends there is no value, however much it is felt
@@ -208,10 +208,10 @@ def _estimate(
         reason = f"ends at {value:.4g}, the least that it can be: at most {value + half:.4g}, if the model is right"
     elif not identified:
         others = [fit.parameters[j].name for j in np.argsort(-np.abs(row)) if j != i and abs(row[j]) >= ALIKE][:3]
-        reason = f"{LOOKS} {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
+        reason = f"looks like {', '.join(others)} in this drive" if others else "hardly excited: its interval is wide"
     interval = max(value - half, q.low), min(value + half, q.high)
     numbers = (value, deviation, gauss_newton, bootstrapped, *interval)
-    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, "" if identified else drive)
+    return Estimate(q.name, q.unit, *numbers, bool(identified), reason, "" if identified else drive, tuple(others))
 
 
 def _edge(q: Parameter, value: float, half: float, push: float) -> str:

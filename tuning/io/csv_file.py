@@ -146,15 +146,13 @@ def numbers(file: str | Path) -> tuple[dict[str, np.ndarray], int]:
     if not whole:
         raise ValueError(f"{file} has no row below its header with as many cells")
     table: dict[str, np.ndarray] = {}
-    for at, name in enumerate(header):
-        first = next((cells[at] for _, cells in whole if cells[at].strip()), "")
-        if not name or header.count(name) > 1 or not (is_number(first) or DATE.search(first)):
-            continue
-        table[name] = np.array([_lenient(cells[at]) for _, cells in whole])
     wrong = np.zeros(len(whole), bool)
-    for at, name in ((header.index(name), name) for name in table):
-        empty = np.array([not cells[at].strip() for _, cells in whole])
-        wrong |= np.isnan(table[name]) & ~empty
+    for at, name in enumerate(header):
+        texts = [cells[at].strip() for _, cells in whole]
+        first = next(filter(None, texts), "")
+        if name and header.count(name) == 1 and (is_number(first) or DATE.search(first)):
+            table[name] = np.array([_lenient(text) for text in texts])
+            wrong |= np.isnan(table[name]) & np.array([text != "" for text in texts])
     return {name: values[~wrong] for name, values in table.items()}, len(rows) - len(whole) + int(wrong.sum())
 
 
@@ -163,7 +161,7 @@ def _lenient(cell: str) -> float:
     try:
         value = real(cell)
     except ValueError:
-        value = _instant(cell.strip()) if DATE.search(cell) else None
+        value = _instant(cell) if DATE.search(cell) else None
     return value if value is not None and abs(value) < LARGEST else np.nan
 
 

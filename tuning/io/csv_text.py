@@ -22,7 +22,7 @@ def split(text: str) -> list[tuple[int, list[str]]]:
             comments += [] if lines else [(number, line.lstrip().lstrip("#/%"))]
         elif line.strip(SEPARATORS + " "):
             lines.append((number, line))
-    rows = _with_points(_cells(lines))
+    rows = _cells(lines)
     if not rows or sum(map(is_word, rows[0][1])) > sum(map(is_number, rows[0][1])):  # a row may have words too: on, off
         return rows
     named = [cells for comment in comments for cells in _cells([comment]) if any(map(is_word, cells[1]))]
@@ -65,7 +65,8 @@ def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
     spaces = mark == " "
     texts = [line.strip() if spaces else line for _, line in lines]
     reader = csv.reader(texts, delimiter=mark, skipinitialspace=spaces)
-    return [(lines[reader.line_num - 1][0], row) for row in reader if any(cell.strip() for cell in row)]
+    rows = [(lines[reader.line_num - 1][0], row) for row in reader if any(cell.strip() for cell in row)]
+    return rows if mark == "," else _with_points(rows)  # where commas separate, one in quotes may be of a thousand
 
 
 def is_word(cell: str) -> bool:

@@ -39,6 +39,13 @@ main(sys.argv[1:])
 """
 
 
+def test_a_process_that_jax_has_started_is_as_quiet_as_any_other():
+    """JAX sets the level to 1 for itself, and children inherit it: of each program kept they then print kilobytes."""
+    level = "import os, tuning.cli.main as m; m.main(['explain', 'seed']); print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
+    for given, wanted in (("1", "3"), ("0", "0"), ("2", "2")):
+        assert python(level, TF_CPP_MIN_LOG_LEVEL=given).splitlines()[-1] == wanted
+
+
 def test_help_needs_neither_jax_nor_numpy():
     assert python(NO_JAX) == "[]\n"
 

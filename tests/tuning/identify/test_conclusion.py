@@ -139,7 +139,7 @@ def test_a_prediction_within_the_noise_is_no_worse_than_another_one():
 def test_numbers_are_no_good_where_nothing_is_known_or_much_was_left_out():
     good, text = said([known("plant.track", False)], ahead=False)
     assert not good and text == "These numbers are not good: this drive tells none of what was asked for."
-    two = [known("plant.drift", False)._replace(reason="looks like plant.track in this drive")]
+    two = [known("plant.drift", False)._replace(reason="looks like plant.track in this drive", alike=("plant.track",))]
     good, text = said([known("plant.track", False), *two], ahead=False)
     assert not good and "asked for: plant.drift looks like plant.track in this drive; leave one of them out" in text
     assert said([DEADZONE], ahead=False)[1].endswith("No drive is long enough to be predicted.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from .recording import Gathered, Recording
 
 
-def read(path: Path, tick: Callable[[int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], object]) -> Recording:
     """The messages of a .bin or .log file, a stream for each type and instance; by the autopilot's clock.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 from .recording import Recording, Stream
 
 
-def read(path: Path, tick: Callable[[int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], object]) -> Recording:
     """The channel groups of an .mf4 or .mdf file, a stream for each; channels that are no numbers are left out.
 
     Raises:

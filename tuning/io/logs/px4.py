@@ -10,7 +10,7 @@ import numpy as np
 from .recording import Recording, Stream
 
 
-def read(path: Path, tick: Callable[[int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], object]) -> Recording:
     """The topics of a .ulg file, a stream for each instance; their time is that of the autopilot's clock.
 
     Raises:

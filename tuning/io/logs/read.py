@@ -37,12 +37,12 @@ def is_recording(file: str) -> bool:
     return path.is_dir() or path.suffix.lower() in READERS
 
 
-def read(file: str, tick: Callable[[int], None] = lambda count: None) -> Recording:
+def read(file: str, tick: Callable[[int], object] = lambda count: None) -> Recording:
     """The streams of a recording.
 
     Args:
         file: its name; the folder of a bag of ROS 2, or of text tables.
-        tick: told how many messages were read so far.
+        tick: told how many more messages were read.
 
     Raises:
         ValueError: it cannot be read; it says why, or what has to be installed.

@@ -19,18 +19,19 @@ from .roles import ROLES
 BY_NAME = ("sensor_msgs/msg/JointState", "sensor_msgs/msg/NavSatFix")  # types whose numbers serve where they are named
 BY_NAME += tuple(f"std_msgs/msg/Float{bits}{many}" for bits in (32, 64) for many in ("", "MultiArray"))
 KINDS = {*ROLES, *BY_NAME}  # what is read of a bag: all that a drive can be told by
+TOGETHER = 4096  # messages between two words of how far it is
 LONGEST = 64  # numbers of a list that are taken
 BEYOND = ("covariance", "effort")  # of no use here
 
 
-def read(path: Path, tick: Callable[[int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], object]) -> Recording:
     """The streams of a bag: a .bag, .db3 or .mcap file, or the folder of a ROS 2 bag.
 
     A bag that ends too early gives what it holds, but one of ROS 1, which has its index at its end.
 
     Args:
         path: the file or folder.
-        tick: told how many messages were read so far.
+        tick: told how many more messages were read.
 
     Raises:
         ValueError: it is no such bag.
@@ -75,15 +76,15 @@ def _messages(path: Path, lost: list[str]) -> Iterator[Sent]:
         lost.append(f"{words}; {count} messages before that were read")
 
 
-def _gathered(path: Path, sent: Iterator[Sent], lost: list[str], tick: Callable[[int], None]) -> Recording:
+def _gathered(path: Path, sent: Iterator[Sent], lost: list[str], tick: Callable[[int], object]) -> Recording:
     """The streams of messages."""
     known: dict[str, Gathered] = {}
     unread: dict[str, tuple[str, int]] = {}
     damaged: dict[str, int] = {}
     count = 0
     for count, (topic, kind, arrival, message) in enumerate(sent, 1):
-        if count % 4096 == 0:
-            tick(count)
+        if count % TOGETHER == 0:
+            tick(TOGETHER)
         if kind not in KINDS:
             unread[topic] = kind, unread.get(topic, (kind, 0))[1] + 1
             continue
@@ -96,7 +97,7 @@ def _gathered(path: Path, sent: Iterator[Sent], lost: list[str], tick: Callable[
             continue
         for name, stamp, numbers in parts:
             known.setdefault(name, Gathered(name, kind)).add(arrival, stamp, numbers)
-    tick(count)
+    tick(count % TOGETHER)
     lost += [f"{topic}: {times} messages are damaged in all" for topic, times in damaged.items() if times > 1]
     return Recording(path.name, tuple(one.stream() for one in known.values()), unread, tuple(lost))
 

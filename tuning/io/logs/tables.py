@@ -23,7 +23,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDS)
 
 
-def read(path: Path, tick: Callable[[int], None]) -> Recording:
+def read(path: Path, tick: Callable[[int], object]) -> Recording:
     """The tables of a folder, a stream for each that has a column of times; its topic is the file's name.
 
     A table has the type of the messages whose fields its columns are called, as exporters of bags call them.
@@ -31,7 +31,7 @@ def read(path: Path, tick: Callable[[int], None]) -> Recording:
     Raises:
         ValueError: no table has times.
     """
-    streams, unread, lost, count = [], {}, [], 0
+    streams, unread, lost = [], {}, []
     for file in files(path):
         try:
             columns, damaged = numbers(file)
@@ -44,9 +44,10 @@ def read(path: Path, tick: Callable[[int], None]) -> Recording:
         if (stream := _stream(file.stem, columns)) is None:
             unread[file.stem] = ("table without a column of times", rows)
             continue
+        if stream.size < rows:
+            lost.append(f"{file.name}: {rows - stream.size} rows without a time are left out")
         streams.append(stream)
-        count += rows
-        tick(count)
+        tick(stream.size)
     return Recording(path.name, tuple(streams), unread, tuple(lost))
 
 
@@ -59,12 +60,13 @@ def _stream(topic: str, columns: Mapping[str, np.ndarray]) -> Stream | None:
     first = own if own is not None else sent
     if first is None:
         return None
+    timed = np.logical_and.reduce([np.isfinite(columns[name]) for name in (*of_sent, *of_own)])
     fields = {
-        name.removeprefix("field."): values
+        name.removeprefix("field."): values[timed]
         for name, values in columns.items()
         if name not in (*of_sent, *of_own) and not name.startswith("%")
     }
-    return Stream(topic, kind_of(fields) or TABLE, first, sent, fields)
+    return Stream(topic, kind_of(fields) or TABLE, first[timed], None if sent is None else sent[timed], fields)
 
 
 def _stamps(columns: Mapping[str, np.ndarray], prefixes: tuple[str, ...]) -> tuple[np.ndarray | None, tuple[str, ...]]:

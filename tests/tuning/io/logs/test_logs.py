@@ -126,6 +126,21 @@ def test_a_slow_sensor_fills_few_rows_and_turns_on_past_half_a_turn():
     np.testing.assert_allclose(np.diff(columns["heading"][seen]), 0.05, atol=1e-9)
 
 
+@pytest.mark.parametrize("late", [0, 3, 7, 11, 19])
+def test_commands_that_change_in_step_with_the_rows_are_not_moved(late):
+    """A pose every 20 ms and a command every second, `late` ms after one: its row begins when it came."""
+    n, zeros = 500, np.zeros(500)
+    fields = {"pose.position.x": zeros, "pose.position.y": zeros, "pose.orientation.w": zeros + 1}
+    fields |= {f"pose.orientation.{part}": zeros for part in "xyz"}
+    pose = Stream("/pose", "geometry_msgs/msg/PoseStamped", START + 20 * MS * np.arange(n), None, fields)
+    told = START + (1000 * np.arange(10) + late) * MS
+    twist = {"linear.x": np.arange(10.0), "angular.z": np.zeros(10)}
+    recording = Recording("made", (pose, Stream("/cmd_vel", "geometry_msgs/msg/Twist", told, None, twist)), {}, ())
+    columns = table(recording, chosen(recording, {})).columns
+    changed = np.flatnonzero(np.diff(columns["cmd_v"])) + 1
+    np.testing.assert_allclose(columns["t"][changed] - START * 1e-9, 1.0 * np.arange(1, 10) + 1e-3 * late, atol=1e-6)
+
+
 def test_of_several_topics_one_must_be_named(tmp_path, store):
     more = [("/amcl", "nav_msgs/msg/Odometry", odometry(store, START, 0.0, 0.0, 0.0, 0.0, 0.0))]
     recording = read(str(bag(tmp_path / "bag", store, "MCAP", 50, more)))

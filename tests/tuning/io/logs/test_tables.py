@@ -138,6 +138,16 @@ def test_what_is_damaged_is_left_out_and_counted(tmp_path):
     )
 
 
+def test_rows_without_a_time_are_left_out_and_counted(tmp_path):
+    lines(tmp_path / "a.csv", "t,x", [(0.1 * k if k != 3 else "", k) for k in range(10)])
+    lines(tmp_path / "b.csv", "s,ns,x", [(T0, 10**8 * k if k != 5 else "", k) for k in range(10)])
+    recording = read(str(tmp_path))
+    for stream, lost in zip(recording.streams, (3, 5), strict=True):
+        np.testing.assert_array_equal(stream.fields["x"], [k for k in range(10) if k != lost])
+        assert np.all(np.diff(stream.arrival) > 0)
+    assert recording.lost == tuple(f"{name}.csv: 1 rows without a time are left out" for name in "ab")
+
+
 def test_a_folder_without_tables_is_no_recording_of_them(tmp_path):
     (tmp_path / "readme.md").write_text("no table")
     assert is_recording(str(tmp_path))
@@ -162,6 +172,12 @@ DUTCH = [("0,0", "1,25", "0"), ("0,5", "-2,0", ",001"), ("1,0", "3,0e3", "7")]
 def test_two_decimal_marks_are_refused(tmp_path):
     (tmp_path / "log.csv").write_text("t;x\n0,5;1\n1,5;1.234\n")
     with pytest.raises(ValueError, match=r"one decimal mark: 0,5 in row 2, 1\.234 in row 3"):
+        read_csv(tmp_path / "log.csv", ("t", "x"))
+
+
+def test_a_comma_in_quotes_is_no_decimal_one_where_commas_separate(tmp_path):
+    (tmp_path / "log.csv").write_text('t,x\n0,"1,234"\n1,"2,000"\n')  # a thousand, as office programs write it
+    with pytest.raises(ValueError, match=r"row 2, column x: '1,234' must be a finite number"):
         read_csv(tmp_path / "log.csv", ("t", "x"))
 
 
