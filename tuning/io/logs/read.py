@@ -51,7 +51,7 @@ def read(file: str, tick: Callable[[int], object] = lambda count: None) -> Recor
     recording: Recording = importlib.import_module(f".{_reader(path)}", __package__).read(path, tick)
     if not any(stream.size for stream in recording.streams):
         kinds = ", ".join(sorted({kind for kind, _ in recording.unread.values()})) or "nothing"
-        raise ValueError(f"no stream of it can be used: it holds {kinds}")
+        raise ValueError("; ".join([f"no stream of it can be used: it holds {kinds}", *recording.lost]))
     return recording
 
 

@@ -169,6 +169,12 @@ def test_decimal_commas_are_read(tmp_path, mark, header):
 DUTCH = [("0,0", "1,25", "0"), ("0,5", "-2,0", ",001"), ("1,0", "3,0e3", "7")]
 
 
+def test_a_folder_of_which_nothing_can_be_read_says_why(tmp_path):
+    (tmp_path / "a.csv").write_text("t;x\n0,5;1\n1,5;1.2\n")
+    with pytest.raises(ValueError, match=r"it holds nothing; .*a\.csv: numbers must have one decimal mark"):
+        read(str(tmp_path))
+
+
 def test_two_decimal_marks_are_refused(tmp_path):
     (tmp_path / "log.csv").write_text("t;x\n0,5;1\n1,5;1.234\n")
     with pytest.raises(ValueError, match=r"one decimal mark: 0,5 in row 2, 1\.234 in row 3"):
