@@ -131,10 +131,11 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
         left = fit.sums.residual[..., c][counted] / fit.sigma[c]
         axes[c, 0].plot(t[counted], left, ".", ms=1.5, color="C0")
         axes[c, 0].set(ylim=(-5, 5), ylabel=name)
-        axes[c, 0].text(
-            0.01, 0.86, f"1 = {fit.sigma[c]:.2g}, correlation with the next row {verdict.left.white[name]:.2f}",
-            transform=axes[c, 0].transAxes, fontsize="small", bbox={"color": "white", "alpha": 0.8, "pad": 1},
-        )  # fmt: skip
+        said = f"1 = {fit.sigma[c]:.2g}"
+        if name in verdict.left.white:  # of a robot that never moved nothing is said
+            said += f", correlation with the next row {verdict.left.white[name]:.2f}"
+        box = {"color": "white", "alpha": 0.8, "pad": 1}
+        axes[c, 0].text(0.01, 0.86, said, transform=axes[c, 0].transAxes, fontsize="small", bbox=box)
         axes[c, 1].hist(left, bins=40, range=(-5, 5), density=True, orientation="horizontal", color="0.7")
         axes[c, 1].plot(np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi), z, color="C3", lw=1)
         axes[c, 1].set_xticks([])
