@@ -35,6 +35,7 @@ def measure(turns: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "XDG_CACHE_HOME": folder, "JAX_PLATFORMS": "cpu"}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it every start compiles all of Python's modules anew
         number = itertools.count()
 
         def add(what: str, command: list[str], count: int, until: str = "") -> None:

@@ -168,11 +168,18 @@ def _lean(module: export.Exported) -> contextlib.AbstractContextManager[None]:
 
 
 def _key(settings: str) -> str:
-    digest = hashlib.sha256()
-    for package in (Path(agvjax.__file__).parent, Path(__file__).parents[1]):
-        for source in sorted(package.rglob("*.py")):
-            digest.update(source.read_bytes())
+    digest = hashlib.sha256(_sources())
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib", "optax")]
     state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), settings)
     digest.update(repr((*state, jax.default_backend(), jax.local_device_count())).encode())
     return digest.hexdigest()[:32]
+
+
+@functools.cache
+def _sources() -> bytes:
+    """A digest of the code of both packages, read once a process."""
+    digest = hashlib.sha256()
+    for package in (Path(agvjax.__file__).parent, Path(__file__).parents[1]):
+        for source in sorted(package.rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.digest()

@@ -76,7 +76,7 @@ class Risen(NamedTuple):
 def missed(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray) -> list[Missed]:
     """The limits that runs exceed by more than the tolerance."""
     first = len(objective.goals)
-    levels = np.asarray(objective.levels(*objective.values(metrics), baseline))[first:]
+    levels = objective.levels_of(metrics, baseline)[first:]
     bounds = objective.units(baseline)[first:]
     over = [(r, x, b) for r, x, b in zip(objective.limits, levels, bounds, strict=True) if not x <= 1 + TOLERANCE]
     return [Missed(r, float(x), float(b), float(x - 1)) for r, x, b in over]
@@ -114,8 +114,8 @@ def unseen(  # long: a paragraph for each thing that may be said
         past = f"{restless_before} before" if kept_before.any() else "all diverged before"
         (failures if long and restless > kept.size / 2 else cautions).append(f"{counts} ({past})")
     if kept_before.any():
-        baseline = everyone.baseline(*everyone.values(before))
-        levels = np.asarray(everyone.levels(*everyone.values(after), baseline))[: len(objective.goals)]
+        baseline = everyone.baseline_of(before)
+        levels = everyone.levels_of(after, baseline)[: len(objective.goals)]
         failures += _goal_worse(objective, levels)
         for goal, level in zip(objective.goals, levels, strict=True):  # one of several may hide behind the others
             if len(levels) > 1 and not level <= 1 + WORSE:

@@ -85,7 +85,7 @@ def before_and_after(problem: TuningProblem, controller: agvjax.Law) -> tuple[ag
 def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
     """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
     objective, budget = problem.tuner.objective, problem.tuner.budget
-    return objective.baseline(*objective.values(before)) if budget is None else budget
+    return objective.baseline_of(before) if budget is None else budget
 
 
 def tighter(
@@ -102,8 +102,7 @@ def tighter(
     before, after = (jax.tree.map(lambda x: x[seen], m) for m in metrics)
     if not objective.limits or not np.asarray(before.ok).any():
         return None
-    levels = objective.levels(*objective.values(after), baseline_of(problem, before))
-    over = np.asarray(levels)[len(objective.goals) :]
+    over = objective.levels_of(after, baseline_of(problem, before))[len(objective.goals) :]
     if not np.any(over > 1 + TOLERANCE):
         return None
     old = np.ones(over.size) if factors is None else factors

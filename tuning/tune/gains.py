@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 import agvjax
 from agvjax import Law, Scenario
@@ -84,11 +84,7 @@ class Gains(NamedTuple):
         lower, upper = (
             jnp.asarray(np.where(fine, x, 0.0), z.dtype) for fine, x in ((low, self.lower), (high, self.upper))
         )
-        cases = [low & high, low & ~high, ~low & high]
-        edge = -0.9 * float(np.log(np.finfo(z.dtype).eps))  # beyond, a gain would lie on its bound
-        inside = lower + (upper - lower) * jax.nn.sigmoid(jnp.clip(z, -edge, edge))
-        above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
-        return jnp.select([jnp.asarray(c) for c in cases], [inside, lower + above, upper - below], z)
+        return _between(z, lower, upper, low, high)
 
     def values(self, z: Float[Array, " K"], like: Law) -> list[float]:
         """The tuned gains at z, in the order of their names."""
@@ -97,7 +93,7 @@ class Gains(NamedTuple):
 
     def scales(self, z: Float[Array, " K"]) -> np.ndarray:
         """D z / d log(gain): turns slopes in the coordinates into slopes per relative change of a gain."""
-        x, slope = jax.jvp(self._gains, (z,), (jnp.ones_like(z),))
+        x, slope = jax.jit(lambda z: jax.jvp(self._gains, (z,), (jnp.ones_like(z),)))(z)
         moves = np.asarray(slope) != 0
         return np.where(moves, np.asarray(x) / np.where(moves, slope, 1.0), 0.0)
 
@@ -112,6 +108,22 @@ class Gains(NamedTuple):
                 rule = f"> {low:.6g}" if np.isinf(high) else f"inside ({low:.6g}, {high:.6g})"
                 faults.append(agvjax.Fault(f"controller.{name}", value, rule, source))
         return faults
+
+
+@jax.jit
+def _between(
+    z: Float[Array, "*B K"],
+    lower: Float[Array, " K"],
+    upper: Float[Array, " K"],
+    low: Bool[Array, " K"],
+    high: Bool[Array, " K"],
+) -> Float[Array, "*B K"]:
+    """Gains at z, between those of the bounds that there are: `low` and `high` say which. One program, not twenty."""
+    edge = -0.9 * float(np.log(np.finfo(z.dtype).eps))  # beyond, a gain would lie on its bound
+    inside = lower + (upper - lower) * jax.nn.sigmoid(jnp.clip(z, -edge, edge))
+    cases = [low & high, low & ~high, ~low & high]
+    above, below = (jnp.exp(jnp.where(case, sign * z, 0.0)) for case, sign in zip(cases[1:], (1, -1), strict=True))
+    return jnp.select(cases, [inside, lower + above, upper - below], z)
 
 
 def own(config: Config) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import agvjax
 from agvjax.metric_table import METRICS
@@ -145,11 +146,17 @@ def _conflict(outcome: Outcome, findings: Findings) -> list[str]:
     return [f"These limits conflict, lowering one raises another: {', '.join(against)}."]
 
 
+@jax.jit
+def _in_turn(metrics: agvjax.Metrics) -> list[Array]:
+    """Every metric that there are values of, as one program."""
+    return [metrics[name] for name in metrics.names()]
+
+
 def summary(metrics: agvjax.Metrics, objective: Objective) -> Summary:
     """Summary of an ensemble's metrics; the worst run is that of the first goal, or a diverged one if there is any."""
     goal = objective.goals[0].metric
     ok = np.asarray(metrics.ok)
-    values = {name: np.asarray(metrics[name]) for name in metrics.names()}
+    values = {name: np.asarray(x) for name, x in zip(metrics.names(), _in_turn(metrics), strict=True)}
     kept = {name: v[ok] for name, v in values.items()}
     none = not ok.any()
     return Summary(

@@ -119,7 +119,7 @@ class Comparison:
         """The same on the vehicles that no law is tuned on, at the finer step."""
         metrics = judged(self.config, self.config.controller, validation(self.config))
         objective = self.posed(self.config.controller).tuner.objective._replace(weights=None)
-        return objective.baseline(*objective.values(metrics))
+        return objective.baseline_of(metrics)
 
     def tune(self, law: agvjax.Law) -> Tuned:
         """The best of a look at many gain sets and of searches from the law's own and the best of those."""

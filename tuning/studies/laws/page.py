@@ -37,7 +37,7 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:
             rmse = np.asarray(metrics.total_rmse)[ok]
             row |= {f"mean_{label}": rmse.mean(), f"worst_{label}": rmse.max(), f"diverged_{label}": int((~ok).sum())}
         objective = comparison.objective
-        use = np.asarray(objective.levels(*objective.values(tuned.metrics), comparison.budget))[len(objective.goals) :]
+        use = objective.levels_of(tuned.metrics, comparison.budget)[len(objective.goals) :]
         use = use.reshape(2, len(BUDGET))  # mean, worst
         row |= {"use_mean": use[0].max(), "use_worst": use[1].max()}
         row |= {"most_used": BUDGET[int(np.argmax(use[0]))]}

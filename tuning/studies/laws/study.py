@@ -80,7 +80,7 @@ class Comparison:
     def budget(self) -> np.ndarray:
         """(3, M): statistics of the goals and of each command metric, of the configured law on the tuning set."""
         metrics = self._evaluated(self.config.controller, self.seen, "tune")
-        return self.objective.baseline(*self.objective.values(metrics))
+        return self.objective.baseline_of(metrics)
 
     def of(self, metric: str) -> list[float]:
         """Mean and worst that the budget allows of a command metric."""

@@ -120,7 +120,7 @@ class Study:
         nothing = self.remedies.found["nothing"]
         objective = self.posed(nothing).tuner.objective._replace(weights=None)
         metrics = self.judge(nothing.law, {})[self.tuned_with_noise]
-        return objective.baseline(*objective.values(metrics))
+        return objective.baseline_of(metrics)
 
     def tune(self, remedy: Remedy) -> Judged:
         """The best gains that searches find, and what they are worth."""
@@ -129,7 +129,7 @@ class Study:
         before, after = self.judge(remedy.law, known), self.judge(found.controller, known)
         objective = problem.tuner.objective._replace(weights=None)
         metrics = after[self.tuned_with_noise]
-        levels = objective.levels(*objective.values(metrics), self.unseen_budget)[len(objective.goals) :]
+        levels = objective.levels_of(metrics, self.unseen_budget)[len(objective.goals) :]
         over = excesses(objective, metrics, self.unseen_budget)
         return Judged(remedy, found, over, before, after, float(np.max(levels)))
 

@@ -118,6 +118,14 @@ class Objective(NamedTuple):
         of = {r.column: r for r in self.requirements}
         return jnp.stack([of[name].sign * metrics[of[name].metric] for name in self.names]), metrics.ok
 
+    def baseline_of(self, metrics: agvjax.Metrics) -> np.ndarray:
+        """The `baseline` (3, M) that runs are, as one program: each operation by itself is one to load."""
+        return self.baseline(*jax.jit(self.values)(metrics))
+
+    def levels_of(self, metrics: agvjax.Metrics, baseline: np.ndarray) -> np.ndarray:
+        """The `levels` (R,) that runs reach, as one program."""
+        return np.asarray(jax.jit(lambda seen: self.levels(*self.values(seen), baseline))(metrics))
+
     def shares(self, scenarios: int) -> np.ndarray:
         """Shares of the scenarios in means, of sum 1."""
         weights = np.ones(scenarios) if self.weights is None else np.asarray(self.weights, float)
