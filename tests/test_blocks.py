@@ -15,6 +15,7 @@ from runs import logged
 from tuning.cli.main import COMMANDS, parser
 from tuning.config.load import load
 from tuning.identify.log import commands_of
+from tuning.io.logs import runs as runs_of_viewers
 
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
@@ -67,7 +68,7 @@ def files(tmp_path, monkeypatch):
     for name in ("robot.toml", "late.toml"):
         bodies = [body for page in PAGES for kind, body in blocks(page) if kind == "toml" and f"# {name}\n" in body]
         (tmp_path / name).write_text("".join(bodies))
-    for name in ("track.csv", "aisle.csv"):
+    for name in ("track.csv", "aisle.csv", "other.csv"):
         (tmp_path / name).write_text("x,y\n0,0\n8,0\n8,4\n0,4\n")
     shutil.copy(ROOT / "tests/data/nav2/courier.yaml", tmp_path / "nav2_params.yaml")
     for folder in ("tuned", "mine", "runs/tune-..."):
@@ -115,8 +116,10 @@ def test_toml_is_read_and_so_is_what_commands_set(page, files):
 def small(call):
     """A call with few runs of few steps, and a folder of its own."""
     counts = [re.sub(r"(:[\d.]+:[\d.]+):\d+$", r"\1:2", word) for word in call]
-    counts = ["4" if before == "--samples" else word for before, word in zip(["", *counts], counts, strict=False)]
+    counts = ["8" if before == "--samples" else word for before, word in zip(["", *counts], counts, strict=False)]
     settings = [x for text in SMALL.get(call[0], []) for x in ("--set", text)]
+    if call[0] == "identify" and not parser().parse_args(call).logs:  # it suggests a drive, or does nothing
+        settings += ["--set", "identify.drives=1"]
     if call[0] == "new":
         settings = ["--vehicle", "differential", "--rate", "20", "--delay", "0.04", "--deadzone", "0.05"]
     return counts + settings
@@ -136,7 +139,7 @@ def called(call):
         words += ["--out", f"runs/{words[0]}-{len(os.listdir('runs'))}"]
     process = start(words)
     _, err = process.communicate(timeout=HUNG)
-    short = words[0] in ("tune", "speed", "identify", "margins")
+    short = words[0] in ("tune", "speed", "identify", "margins", "log")
     assert process.returncode == 0 or (process.returncode == 1 and short), err
     assert "Traceback" not in err, err
     if words[0] == "tune":
@@ -151,6 +154,8 @@ def called(call):
 def test_the_commands_of_a_page_run_in_their_order_and_so_does_its_python(page, files):
     if "drive.csv" in str(calls(page)):
         drives("robot")
+    if "drive.mcap" in str(calls(page)):
+        recording("base")
     before = [call for earlier in PAGES[: PAGES.index(page)] for call in calls(earlier)]
     for call in calls(page):
         apart = call[0] in ELSEWHERE or "/shared/chance" in call or any(word in call for word in APART)
@@ -184,3 +189,11 @@ def drives(preset):
         scenario = agvjax.replace(config.scenario, {"start.heading": heading})
         trajectory = agvjax.simulate(config.controller, scenario, dt=0.005, n_steps=4000, save_every=4)
         logged(file, trajectory, commands_of(scenario.plant))
+
+
+def recording(preset):
+    """A drive of a preset's vehicle, as ROS 2 records it."""
+    config = load([preset])
+    trajectory = agvjax.simulate(config.controller, config.scenario, dt=0.005, n_steps=4000, save_every=4)
+    with open("drive.mcap", "wb") as file:
+        runs_of_viewers.write(file, {"": trajectory}, config.scenario.plant)

@@ -18,8 +18,8 @@ KINDS = f"{', '.join(READERS)}, or the folder of a bag of ROS 2 or of text table
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read, say, draw; 1 where nothing can be identified from it."""
-    console, asked = Console(arguments.quiet), topics(arguments.topics)
+    """Read, say, draw; 1 where nothing can be identified from it as it is."""
+    console, asked, doubts = Console(arguments.quiet), topics(arguments.topics), list[str]()
     if not is_recording(arguments.file):
         rule = f"a recording: {KINDS}; a CSV file is handed to agvjax identify as it is"
         raise InputError([Fault("FILE", arguments.file, rule)])
@@ -27,13 +27,14 @@ def run(arguments: argparse.Namespace) -> int:
         with console.phases() as phases:
             phase = phases.begin("reading", unit="messages")
             recording = read(arguments.file, phase.advance)
-            found = chosen(recording, asked)
+            found = chosen(recording, asked, doubts=doubts)
             rows = table(recording, found, asked=arguments.stamps or "auto") if found else None
     except ValueError as error:
         raise InputError([Fault("FILE", arguments.file, f"a recording that can be read: {error}")]) from error
     out = new_folder(arguments.out, arguments.command)
-    console.conclude(recorded.write(recording, found, rows, out), f"written to {out}; begin with {out}/report.html")
-    return 0 if {"pose", "command"} <= set(found) else 1
+    text = recorded.write(recording, found, rows, out, doubts)
+    console.conclude(text, f"written to {out}; begin with {out}/report.html")
+    return 0 if {"pose", "command"} <= set(found) and not doubts else 1
 
 
 def topics(given: Sequence[str]) -> dict[str, str]:

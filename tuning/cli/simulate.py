@@ -15,6 +15,7 @@ from ..config import mapped, whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
 from ..io import files
+from ..io.logs import runs
 from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
@@ -27,6 +28,7 @@ NUMBERS = 60  # about so many are kept of one sample, copies among them
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
+    runs.check(arguments.mcap)
     of_sweep = (arguments.sweep, arguments.index, arguments.controller) != (None, None, None)
     config, console = configure(arguments, _settings if of_sweep else _rules)
     if of_sweep:
@@ -45,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
+    if arguments.mcap:
+        runs.write_new(arguments.mcap, {"": trajectory}, config.scenario.plant)
     console.conclude(
         brief(of_metrics, config.scenario), f"written to {out}: every metric in metrics.json, figures, trajectory.npz"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -77,10 +77,13 @@ def _line(stream: Stream, stamps: str) -> tuple[object, ...]:
     return (stream.topic, stream.kind.rpartition("/")[2], stream.size, rate, gaps, told, whose, roles)
 
 
-def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share]) -> list[str]:
+def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share], doubts: Sequence[str]) -> list[str]:
     """What the recording is good for, a sentence each, the first one first."""
     if lacks := missing(found):
-        return [f"Not good for identification: {'; '.join(lacks)}.", BY_NAME]
+        return [f"Not good for identification: {'; '.join([*lacks, *doubts])}.", BY_NAME]
+    if doubts:
+        taken = ", ".join(stream.topic for name, (stream, _) in found.items() if name in ("pose", "command"))
+        return [f"Good for identification once this is said: {'; '.join(doubts)}.", f"Looked at here: {taken}."]
     parts = ", ".join(f"{name} from {stream.topic}" for name, (stream, _) in found.items())
     thin = [share for share in driven if share.seconds < LEAST]
     if not thin:
@@ -110,12 +113,18 @@ def drive_figure(rows: Rows) -> Figure:
     return figure
 
 
-def write(recording: Recording, found: Mapping[str, tuple[Stream, Role]], rows: Rows | None, folder: Path) -> str:
-    """Report and figure into a folder; returns what a terminal has room for."""
+def write(
+    recording: Recording,
+    found: Mapping[str, tuple[Stream, Role]],
+    rows: Rows | None,
+    folder: Path,
+    doubts: Sequence[str] = (),
+) -> str:
+    """Report and figure into a folder, with what `chosen` doubts; returns what a terminal has room for."""
     stamps = rows.stamps if rows is not None else "arrival"
     drive = rows if rows is not None and "x" in rows.columns else None
     driven = shares(drive) if drive is not None else []
-    said, topics = verdict(found, driven), table(recording, stamps)
+    said, topics = verdict(found, driven, doubts), table(recording, stamps)
     notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows is not None else ())]
     sections = [f"# What {recording.name} holds", *said]
     if drive is not None:

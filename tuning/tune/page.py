@@ -18,6 +18,7 @@ from ..config.names import in_words
 from ..config.settings import FOLLOWED_METRICS, LATE, Config
 from ..ensemble.worst import statement
 from ..io import files
+from ..io.logs import runs
 from ..io.pages import grid, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import caveats, figures, populations, tables
@@ -263,8 +264,8 @@ def _run(config: Config, law: agvjax.Law, scene: agvjax.Scenario) -> agvjax.Traj
     return mapped.drawn(run, scene)
 
 
-def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "") -> str:
-    """Report, with an appendix, figures and `worst.json` into a folder; returns what a terminal has room for."""
+def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "", recording: str | None = None) -> str:
+    """Report, figures, `worst.json`, and the `recording` of the nominal run; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
     files.write_json(out / "worst.json", _worst(outcome, verdict))
     scenes = {"nominal": ("nominal scenario", config.scenario)}
@@ -273,6 +274,8 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "")
     unit = config.scenario.plant.command_units[0]
     for name, (title, scene) in scenes.items():
         before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
+        if recording and name == "nominal":
+            runs.write_new(recording, {"before": before, "after": after}, config.scenario.plant)
         drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)

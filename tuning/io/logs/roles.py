@@ -126,7 +126,10 @@ def roles_of(stream: Stream) -> list[Role]:
 
 
 def chosen(
-    recording: Recording, asked: Mapping[str, str], elsewhere: Collection[str] = ()
+    recording: Recording,
+    asked: Mapping[str, str],
+    elsewhere: Collection[str] = (),
+    doubts: list[str] | None = None,
 ) -> dict[str, tuple[Stream, Role]]:
     """By role the stream that serves as it.
 
@@ -134,9 +137,10 @@ def chosen(
         recording: the streams.
         asked: by role a topic, where several could serve; "" for none.
         elsewhere: our names that are told by something else: a role that tells nothing but these is not looked for.
+        doubts: told of roles that several could serve as and none is named for; the most telling kind is taken then.
 
     Raises:
-        ValueError: a topic that is not there or cannot serve so, or several that could and none is named.
+        ValueError: a topic that is not there or cannot serve so; without `doubts` several that could, none named.
     """
     can: dict[str, list[tuple[Stream, Role]]] = {}
     for stream in recording.streams:
@@ -156,11 +160,19 @@ def chosen(
         elif len(pairs) == 1:
             found[name] = pairs[0]
         elif name in ("pose", "command"):
-            listed = ", ".join(_described(stream) for stream in (pair[0] for pair in pairs))
-            raise ValueError(
-                f"{len(pairs)} topics can be the {name}: {listed}; name one with --topics {name}={topics[0]}"
-            )
+            found[name], words = _likeliest(name, pairs)
+            if doubts is None:
+                raise ValueError(words)
+            doubts.append(words)
     return found
+
+
+def _likeliest(name: str, pairs: list[tuple[Stream, Role]]) -> tuple[tuple[Stream, Role], str]:
+    """Of streams that can serve as a role one of the kind that says most about it, and what is said of them all."""
+    pairs = sorted(pairs, key=lambda pair: [*ROLES].index(pair[0].kind))
+    listed = ", ".join(_described(stream) for stream, _ in pairs)
+    rule = f"name one with --topics {name}={pairs[0][0].topic}"
+    return pairs[0], f"{len(pairs)} topics can be the {name}: {listed}; {rule}"
 
 
 def _described(stream: Stream) -> str:
