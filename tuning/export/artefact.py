@@ -167,6 +167,12 @@ def _uncertainty(config: Config) -> Json:
     return {"nominal": scenario, "ensemble": table["ensemble"]}
 
 
+def version(artefact: Artefact) -> str:
+    """The version of the generator, as package.xml takes it: three numbers."""
+    numbers = re.search(r"\d+\.\d+\.\d+", artefact.provenance["generator"])
+    return numbers[0] if numbers else "0.1.0"
+
+
 def filled(template: Path, parts: dict[str, str]) -> str:
     """The text of a template with each @KEY@ replaced by the part of that key; what a part says stays as it is."""
     text = template.read_text(encoding="utf-8")

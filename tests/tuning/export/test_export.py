@@ -736,7 +736,7 @@ def test_the_provenance_says_whether_tuning_met_its_limits(verdict, k1, word, tm
 def test_the_node_drives_by_default_at_the_speed_tuned_at(path, speed, most, tmp_path):
     config = configuration.load(["robot"], [f"scenario.path={json.dumps(path).replace(': ', ' = ')}"])
     (tmp_path / "config.toml").write_text(configuration.dump(config))
-    values = ros2.parameters(artefact.read(str(written(tmp_path, config.controller))))
+    values = ros2.tables(artefact.read(str(written(tmp_path, config.controller))))
     assert values["speed"]["default_value"] == pytest.approx(speed, rel=1e-9)
     assert repr(values["max_speed"]["default_value"]) == repr(most)
 
