@@ -1,4 +1,4 @@
-"""Headers that stand for ROS 2 and Nav2, the code that stands for generate_parameter_library's, and a server to call."""
+"""Headers that stand for ROS 2 and Nav2, the code that stands for generate_parameter_library's, and a server."""
 
 import ctypes
 import os
@@ -120,14 +120,13 @@ def lay_out(folder, files, name, lyrical=False):
 def build(folder, name, compiler="gcc", lyrical=False):
     """A shared library of the package and the server."""
     cc, cxx = COMPILERS[compiler]
-    includes = [f"-I{folder / part}" for part in ("include", "src", "law", "stub")]
-    made = folder / f"{compiler}.so"
-    law = folder / f"{compiler}.o"
+    common = ["-O1", "-fPIC", *WARNINGS, *(f"-I{folder / part}" for part in ("include", "src", "law", "stub"))]
+    made, law = folder / f"{compiler}.so", folder / f"{compiler}.o"
     sources = [folder / "src" / f"{file}.cpp" for file in ("controller", "plan", "spline")] + [DATA / "server.cpp"]
-    macro = ["-DSTANDS_FOR_LYRICAL"] * lyrical
+    macros = [f"-DPACKAGE={name}_nav2", *["-DSTANDS_FOR_LYRICAL"] * lyrical]
     for command in (
-        [cc, "-std=c99", "-O1", "-fPIC", *WARNINGS, *includes, "-c", folder / "law" / f"{name}.c", "-o", law],
-        [cxx, "-std=c++17", "-O1", "-fPIC", "-shared", *WARNINGS, *macro, *includes, *sources, law, "-o", made],
+        [cc, "-std=c99", *common, "-c", folder / "law" / f"{name}.c", "-o", law],
+        [cxx, "-std=c++17", "-shared", *common, *macros, *sources, law, "-o", made],
     ):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -139,7 +138,7 @@ class Server:
 
     def __init__(self, library):
         self.library = ctypes.CDLL(os.fspath(library))
-        for call in ("configure", "plan", "command", "set", "said"):
+        for call in ("configure", "plan", "command", "set", "said", "laid"):
             getattr(self.library, call).restype = ctypes.c_char_p
 
     def configure(self, frequency=20.0, **launched):
@@ -152,6 +151,21 @@ class Server:
         poses = np.asarray(poses, float).reshape(-1, np.shape(poses)[-1] if np.size(poses) else 3)
         full = np.ascontiguousarray(np.column_stack([poses, np.zeros((len(poses), 3 - poses.shape[1]))]))
         return self.library.plan(ctypes.c_void_p(full.ctypes.data), len(full), frame.encode()).decode()
+
+    def laid(self, poses, spacing, reversing, pace):
+        """Tables of a plan by the names that a route has in C, and why there are none."""
+        poses, pace = np.ascontiguousarray(poses, float), np.ascontiguousarray(pace, float)
+        sizes, length = np.zeros(2, np.int32), np.zeros(1)
+        room = [np.zeros(rows * 2**17) for rows in (12, 2, 4)]
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (poses, pace, sizes, length, *room)]
+        more = len(poses), ctypes.c_double(spacing), int(reversing)
+        told = self.library.laid(pointers[0], *more, *pointers[1:]).decode()
+        columns, found = (sizes[0], sizes[0], sizes[1]), {"length": length[0]}
+        for name, rows, n, x in zip(
+            ("coefficients", "squared_speeds", "each_leg"), (12, 2, 4), columns, room, strict=True
+        ):
+            found[name] = x[: rows * n].reshape(rows, n)
+        return found, told
 
     def command(self, x, y, heading, speed, yaw_rate, age=0.0, period=0.05):
         """What is sent, and why it is nothing."""

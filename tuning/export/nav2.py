@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 import agvjax
-from agvjax import leaves
 
 from ..config import routes
 from ..io.files import Json

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +15,7 @@ from agvjax.schedule import extremes
 from ..io.files import Json
 from ..tune.meanings import of_gains
 from . import names
-from .artefact import Artefact
+from .artefact import Artefact, plain
 from .ros2_node.vehicles import VEHICLES, Accelerations
 
 PARTS = {"track": "track", "wheel_radius": "radius of the wheels", "L": "wheelbase", "wheelbase": "wheelbase"}
@@ -61,13 +60,8 @@ def _gain(artefact: Artefact, name: str, highest: float | None) -> Json:
 def table(default: PyTree, description: str, validation: dict[str, list[PyTree]], read_only: bool) -> Json:
     """A parameter as generate_parameter_library states it; that writes texts into C++, quotes and all, as they are."""
     kind = {float: "double", list: "double_array", str: "string", bool: "bool"}[type(default)]
-    table: Json = {"type": kind, "default_value": default, "description": _plain(description)}
+    table: Json = {"type": kind, "default_value": default, "description": plain(description)}
     return table | ({"read_only": True} if read_only else {}) | ({"validation": validation} if validation else {})
-
-
-def _plain(text: str) -> str:
-    """In one line, without what could end a literal of C++ or Python."""
-    return " ".join(re.sub(r'["`\\\x00-\x1f\x7f\u2028\u2029]', " ", text).split())
 
 
 def _validation(facts: Json, value: PyTree, highest: float | None) -> dict[str, list[PyTree]]:

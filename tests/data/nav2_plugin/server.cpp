@@ -1,8 +1,11 @@
 /* As much of Nav2's controller server as a test needs, for ctypes: one controller, its calls in C. What is thrown comes
    back as text, with the kind of the exception. */
+#include <algorithm>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "plan.hpp"
 #include "ros.hpp"
 
 namespace
@@ -114,6 +117,24 @@ const char * command(const double * seen, double period, double * sent)
 #endif
         sent[0] = found.twist.linear.x, sent[1] = found.twist.angular.z;
         if (found.header.frame_id != "base_link" || found.header.stamp.sec < 100) {text = "not stamped";}
+      });
+}
+
+/* A plan as it is laid: a route in `sizes` (pieces, legs), `length` and its tables; `pace` is that of PACKAGE::Pace. */
+const char * laid(
+  const double * poses, int count, double spacing, int reversing, const double * pace, int * sizes, double * length,
+  double * coefficients, double * squares, double * heads)
+{
+  return told([&] {
+        std::vector<PACKAGE::Pose> given;
+        for (int i = 0; i < count; ++i) {given.push_back({poses[3 * i], poses[3 * i + 1], poses[3 * i + 2]});}
+        PACKAGE::Plan plan(given, spacing, reversing != 0);
+        plan.drive({pace[0], pace[1], pace[2], pace[3], pace[4]});
+        const auto & route = plan.route();
+        sizes[0] = route.pieces, sizes[1] = route.legs, *length = route.length;
+        std::copy_n(route.coefficients, 12 * route.pieces, coefficients);
+        std::copy_n(route.squared_speeds, 2 * route.pieces, squares);
+        std::copy_n(route.each_leg, 4 * route.legs, heads);
       });
 }
 
