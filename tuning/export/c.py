@@ -98,13 +98,18 @@ def _commented(text: str) -> str:
     return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
 
+def note(text: str) -> str:
+    """A text of anybody as the inside of a comment in one line."""
+    return _commented(plain(text))
+
+
 def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
     real = f"{name.rpartition('_')[0]}_real"
     lines = []
     for field in fields:
         shape = "".join(f"[{n}]" for n in field.shape)
-        note = _commented(plain(notes.get(field.name, "")))
-        lines.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
+        about = note(notes.get(field.name, ""))
+        lines.append(f"    {real} {field.member}{shape};" + (f" /* {about} */" if about else ""))
     lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
     return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
 

@@ -656,10 +656,10 @@ def test_every_form_says_all_it_writes(form, tmp_path, capsys):
 
 NAMES = "nav_msgs geometry_msgs std_srvs rcl_interfaces builtin_interfaces launch launch_ros ament_index_python yaml"
 NAMES += " rclpy numpy setuptools json types print list match class int new template constexpr namespace math stdio"
-NAMES += " main vectors config resource self__x up/down @STEP@ /* Über x"
+NAMES += " nav2_core pluginlib main vectors config resource self__x up/down @STEP@ /* Über x"
 
 
-@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("form", ["c", "nav2", "numpy", "ros2", "stablehlo"])
 @pytest.mark.parametrize("name", [*NAMES.split(), "a" * 64, "a" * 300, "", "9lives", "_x", "two words", "a\nb"])
 def test_a_name_that_shadows_or_is_none_is_refused_before_anything_is_written(form, name, tmp_path, capsys):
     out = tmp_path / "out"
