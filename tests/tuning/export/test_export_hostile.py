@@ -23,9 +23,10 @@ from tuning.io.files import finite
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 PIECES = [
     "*/", "/*", "//", "\\", "\n", "\r", '"', "'", '"""', "'''", "??/", "??=", "\\\n", "*\\\n/", "\0", "\x07",
-    "\x85", "\u2028", "\u202e", "\ud800", "é", "𝕏", "@STEP@", "@NAME@", "${HOME}", "$(touch x)", "`touch x`", "]]>", "<!--",
-    "-->", "&", "<x/>", ": ", " #", "- ", "{", "}", "[", "]", "%n", "*a", "&a", "!!python/object:os.system", "|", ">", ";",
-    "#error out", '#include "x"', '");', 'R"(', ')"', "../", "/etc", "name", "int", "a", "_", "9", " ", "x.y", "import os",
+    "\x85", "\u2028", "\u202e", "\ud800", "é", "𝕏", "@STEP@", "@NAME@", "${HOME}", "$(touch x)", "`touch x`", "]]>",
+    "<!--", "-->", "&", "<x/>", ": ", " #", "- ", "{", "}", "[", "]", "%n", "*a", "&a", "!!python/object:os.system", "|",
+    ">", ";", "#error out", '#include "x"', '");', 'R"(', ')"', "../", "/etc", "name", "int", "a", "_", "9", " ", "x.y",
+    "import os",
 ]  # fmt: skip
 LAW = agvjax.Sampled(inner=agvjax.PathPID(), vehicle=agvjax.Base(), period=0.05)
 LINE = Route.through([[0.0, 0.0], [2.0, 0.0], [4.0, 1.0]], 0.5)
