@@ -1,7 +1,6 @@
 """Names and texts of a user never leave their literals in a generated file, and numbers keep their types."""
 
 import ast
-import functools
 import importlib
 import json
 import random
@@ -10,13 +9,14 @@ import shutil
 import subprocess
 
 import jax
+import numpy as np
 import pytest
 import yaml
 
 import agvjax
 from agvjax import Route
 from tuning.config.write import gains_table
-from tuning.export import FORMATS, artefact, c, names, nav2, parameters, program, ros2, vectors
+from tuning.export import FORMATS, artefact, c, names, nav2, parameters, program, ros2
 from tuning.export import numpy as numpy_file
 from tuning.io.files import finite
 
@@ -24,9 +24,9 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not i
 PIECES = [
     "*/", "/*", "//", "\\", "\n", "\r", '"', "'", '"""', "'''", "??/", "??=", "\\\n", "*\\\n/", "\0", "\x07",
     "\x85", "\u2028", "\u202e", "\ud800", "é", "𝕏", "@STEP@", "@NAME@", "${HOME}", "$(touch x)", "`touch x`", "]]>",
-    "<!--", "-->", "&", "<x/>", ": ", " #", "- ", "{", "}", "[", "]", "%n", "*a", "&a", "!!python/object:os.system", "|",
-    ">", ";", "#error out", '#include "x"', '");', 'R"(', ')"', "../", "/etc", "name", "int", "a", "_", "9", " ", "x.y",
-    "import os",
+    "<!--", "-->", "&", "<x/>", ": ", " #", "- ", "{", "}", "[", "]", "%n", "*a", "&a", "!!python/object:os.system",
+    "|", ">", ";", "#error out", '#include "x"', '");', 'R"(', ')"', "../", "/etc", "name", "int", "a", "_", "9", " ",
+    "x.y", "import os",
 ]  # fmt: skip
 LAW = agvjax.Sampled(inner=agvjax.PathPID(), vehicle=agvjax.Base(), period=0.05)
 LINE = Route.through([[0.0, 0.0], [2.0, 0.0], [4.0, 1.0]], 0.5)
@@ -78,9 +78,8 @@ def texts(facts):
         for name in ("step", "start"):  # once, for all forms
             made = getattr(program, name)(facts[0].controller)
             patch.setattr(program, name, lambda law, made=made: made)
-        rows = functools.cache(lambda: vectors.table(facts[0], program.step(facts[0].controller)))
-        patch.setattr(c, "table", lambda found, step: rows())
-        patch.setattr(numpy_file, "table", lambda found, step: rows())
+        for module in (c, numpy_file):  # the vectors of self-tests, which nobody has a text in
+            patch.setattr(module, "table", lambda found, step: (["none"], np.zeros((32, 1))))
         files = {}
         for form in ("nav2", "ros2", "numpy", "stablehlo"):
             module = importlib.import_module(FORMATS[form])
