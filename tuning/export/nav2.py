@@ -64,8 +64,8 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "VERSION": version(artefact),
         "PERIOD": f"{period:g}",
         "FREQUENCY": f"{1 / period:g}",
-        "CONVERSION": ros2.CONVERSIONS[", ".join(inputs)].replace(" where `steered_behind`", " where it steers behind"),
-        "BASE": ros2.BASE.format(", ".join(f"`{key}`" for key in base)) if base else "",
+        "CONVERSION": _here(ros2.CONVERSIONS[", ".join(inputs)]),
+        "BASE": _here(ros2.BASE.format(", ".join(f"`{key}`" for key in base))) if base else "",
         "PROVENANCE": "\n    ".join(json.dumps(origin, indent=2).splitlines()),
         **_law(artefact, step),
     }
@@ -78,6 +78,11 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "src/parameters.yaml": parameters.dumped({f"{name}_parameters": parameters.nested(specification)}),
         "config/nav2.yaml": _bringup(name, period, specification),
     }
+
+
+def _here(text: str) -> str:
+    """What is said of the ROS 2 node, of a plugin."""
+    return text.replace("of the node", "of this controller").replace("where `steered_behind`", "where it steers behind")
 
 
 def tables(artefact: Artefact) -> dict[str, Json]:
