@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import tomllib
+import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -165,6 +166,18 @@ def _uncertainty(config: Config) -> Json:
     table = tomllib.loads(configuration.dump(config))
     scenario = {name: table["scenario"][name] for name in ("plant", "deadzone", "actuators", "disturbance")}
     return {"nominal": scenario, "ensemble": table["ensemble"]}
+
+
+def version(artefact: Artefact) -> str:
+    """The version of the generator, as package.xml takes it: three numbers."""
+    numbers = re.search(r"\d+\.\d+\.\d+", artefact.provenance["generator"])
+    return numbers[0] if numbers else "0.1.0"
+
+
+def plain(text: str) -> str:
+    """In one line, without what could end a literal of C++ or Python, or be seen as what it is not."""
+    shown = (" " if unicodedata.category(x)[0] == "C" or x in '"`\\' else x for x in text)
+    return " ".join("".join(shown).split())
 
 
 def filled(template: Path, parts: dict[str, str]) -> str:

@@ -14,7 +14,7 @@ from agvjax import InputError
 from agvjax.engine.loop import farthest
 
 from . import c_language, c_route, guard, names, program
-from .artefact import Artefact, filled
+from .artefact import Artefact, filled, plain
 from .c_language import double
 from .expressions import FUNCTIONS, lines, text
 from .operations import flat
@@ -51,7 +51,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "NAME": name,
         "UPPER": name.upper(),
         **c_route.parts(artefact.route, step.given, name),
-        "TITLE": f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.",
+        "TITLE": plain(f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time."),
         "PERIOD": f"{period:g}",
         "EXACT_PERIOD": double(period),
         "ROWS": str(len(rows)),
@@ -98,13 +98,18 @@ def _commented(text: str) -> str:
     return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
 
+def note(text: str) -> str:
+    """A text of anybody as the inside of a comment in one line."""
+    return _commented(plain(text))
+
+
 def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
     real = f"{name.rpartition('_')[0]}_real"
     lines = []
     for field in fields:
         shape = "".join(f"[{n}]" for n in field.shape)
-        note = notes.get(field.name, "")
-        lines.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
+        about = note(notes.get(field.name, ""))
+        lines.append(f"    {real} {field.member}{shape};" + (f" /* {about} */" if about else ""))
     lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
     return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
 

@@ -31,7 +31,9 @@ MODULES = frozenset(  # what an export imports, or what runs beside it does
     " catkin_pkg empy rclpy rclcpp launch launch_ros launch_xml launch_yaml launch_testing ament_index_python"
     " ament_package colcon_core rpyutils rosidl_runtime_py rosidl_parser rosidl_adapter rosidl_cli"
     " rosidl_pycommon tf2 tf2_ros tf2_py nav2_common ros2cli ros2launch ros2run ros2topic ros2param ros2node"
-    " ros2pkg osrf_pycommon domain_coordinator message_filters cv_bridge tf_transformations xacro urdf".split()
+    " ros2pkg nav2 nav2_core nav2_costmap_2d nav2_controller nav2_util nav2_ros_common nav2_bringup nav_2d_utils"
+    " rclcpp_lifecycle rclcpp_components pluginlib class_loader generate_parameter_library ament_cmake rsl fmt"
+    " osrf_pycommon domain_coordinator message_filters cv_bridge tf_transformations xacro urdf".split()
 )
 MESSAGES = ("_msgs", "_srvs", "_actions", "_interfaces")  # how packages of messages are called
 KINDS = (

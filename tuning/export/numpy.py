@@ -10,7 +10,7 @@ import numpy as np
 
 from ..io.files import finite
 from . import guard, program, tables
-from .artefact import Artefact, filled
+from .artefact import Artefact, filled, plain
 from .expressions import Language, lines, text
 from .operations import Choice, Least
 from .program import Field, Program
@@ -82,14 +82,14 @@ def module(artefact: Artefact, route: str) -> str:
     groups = {group: step.arguments[group] for group in GROUPS if group in step.arguments}
     groups |= {"later": step.results["state"], "inputs": step.results["inputs"]}
     checked = {group: {f.name: list(f.shape) for f in fields} for group, fields in groups.items()}
-    _, rows = table(artefact, step)
+    inputs, (_, rows) = list(artefact.provenance["inputs"]), table(artefact, step)
     parts = {
         **_of_route(artefact, route),
-        "TITLE": f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}.",
+        "TITLE": plain(f"{artefact.provenance['law'][1]} for a {artefact.provenance['vehicle']}."),
         "GENERATOR": artefact.provenance["generator"],
         "INTERFACE": "\n".join(f"    {group}: {_listed(fields)}" for group, fields in interface.items()),
         "PERIOD": repr(float(law.period)),
-        "INPUTS": repr(tuple(artefact.provenance["inputs"])).replace("'", '"'),
+        "INPUTS": f"({', '.join(map(json.dumps, inputs))}{',' * (len(inputs) == 1)})",
         "GAINS": _literal(gains),
         "STATUS": "\n".join(f'{word} = "{word}"  # {meaning}' for word, meaning in guard.STATUS.items()),
         "CHECKED": _literal(checked),

@@ -94,7 +94,7 @@ def files(artefact: Artefact, name: str) -> dict[str, str]:
 
 def limits(artefact: Artefact) -> Json:
     """Defaults of a node along a route, by name: default, unit, what must hold, text."""
-    forwards, backwards = _fastest(artefact.route)
+    forwards, backwards = fastest(artefact.route)
     law = {name: float(x) for name, x in leaves(artefact.controller).items() if np.ndim(x) == 0}
     return {
         "max_speed": (1.5 * forwards, "m/s", "gt", "Largest speed commanded"),
@@ -104,7 +104,7 @@ def limits(artefact: Artefact) -> Json:
     }
 
 
-def _fastest(route: Route | None) -> tuple[float, float]:
+def fastest(route: Route | None) -> tuple[float, float]:
     """The largest speeds [m/s] of a route, forwards and backwards."""
     if route is None:
         return 0.0, 0.0

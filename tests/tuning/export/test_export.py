@@ -656,10 +656,10 @@ def test_every_form_says_all_it_writes(form, tmp_path, capsys):
 
 NAMES = "nav_msgs geometry_msgs std_srvs rcl_interfaces builtin_interfaces launch launch_ros ament_index_python yaml"
 NAMES += " rclpy numpy setuptools json types print list match class int new template constexpr namespace math stdio"
-NAMES += " main vectors config resource self__x up/down @STEP@ /* Über x"
+NAMES += " nav2_core pluginlib main vectors config resource self__x up/down @STEP@ /* Über x"
 
 
-@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("form", ["c", "nav2", "numpy", "ros2", "stablehlo"])
 @pytest.mark.parametrize("name", [*NAMES.split(), "a" * 64, "a" * 300, "", "9lives", "_x", "two words", "a\nb"])
 def test_a_name_that_shadows_or_is_none_is_refused_before_anything_is_written(form, name, tmp_path, capsys):
     out = tmp_path / "out"
@@ -736,7 +736,7 @@ def test_the_provenance_says_whether_tuning_met_its_limits(verdict, k1, word, tm
 def test_the_node_drives_by_default_at_the_speed_tuned_at(path, speed, most, tmp_path):
     config = configuration.load(["robot"], [f"scenario.path={json.dumps(path).replace(': ', ' = ')}"])
     (tmp_path / "config.toml").write_text(configuration.dump(config))
-    values = ros2.parameters(artefact.read(str(written(tmp_path, config.controller))))
+    values = ros2.tables(artefact.read(str(written(tmp_path, config.controller))))
     assert values["speed"]["default_value"] == pytest.approx(speed, rel=1e-9)
     assert repr(values["max_speed"]["default_value"]) == repr(most)
 
