@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,16 @@ from agvjax.engine.loop import farthest
 
 from . import c_language, c_route, guard, names, program
 from .artefact import Artefact, filled
-from .c_language import double
-from .expressions import FUNCTIONS, lines, text
+from .c_language import EMPTY, assigned, computed, double, struct
+from .expressions import FUNCTIONS, text
 from .operations import flat
 from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
-GROUPS = ("gains", "state", "measurement", "reference", "route")
-EMPTY = "unused"  # C99 has no structure without members
+GROUPS = ("state", "measurement", "reference")  # of a row of the self-test; a route is none of them
+TARGETS = (("state", "state"), ("inputs", "output"), ("limited", "output"))  # which structure has which results
 OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
 FLAGS = (
     "    int limited; /* whether the law kept something back */",
@@ -98,17 +97,6 @@ def _commented(text: str) -> str:
     return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
 
-def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
-    real = f"{name.rpartition('_')[0]}_real"
-    lines = []
-    for field in fields:
-        shape = "".join(f"[{n}]" for n in field.shape)
-        note = notes.get(field.name, "")
-        lines.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
-    lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
-    return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
-
-
 UNITS = {"position": "m, of the reference point", "velocity": "m/s, of the reference point", "heading": "rad"}
 UNITS |= {"yaw_rate": "rad/s", "acceleration": "m/s^2", "heading_rate": "rad/s", "steering_angle": "rad"}
 
@@ -117,11 +105,11 @@ def _structs(artefact: Artefact, step: Program, name: str) -> str:
     facts = artefact.provenance["gains"]
     gains = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
     structs = [
-        _struct(f"{name}_gains", step.arguments["gains"], gains),
-        _struct(f"{name}_state", step.arguments["state"], {}),
-        _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
+        struct(f"{name}_gains", step.arguments["gains"], gains),
+        struct(f"{name}_state", step.arguments["state"], {}),
+        struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _given(step, name),
-        _struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
+        struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
     ]
     return "\n\n".join(structs)
 
@@ -130,7 +118,7 @@ def _given(step: Program, name: str) -> str:
     """The structure of what is asked for."""
     if step.given == "route":
         return c_route.struct(name)
-    return _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"})
+    return struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"})
 
 
 def _initial(value: PyTree, name: str) -> str:
@@ -141,33 +129,19 @@ def _initial(value: PyTree, name: str) -> str:
 
 
 def _body(program: Program, name: str) -> str:
-    language, real, read = c_language.language(name), f"{name}_real", program.read
-    declared, idle = [], []
-    for group in GROUPS:
-        fields = program.arguments.get(group, ())
-        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
-        cast = f"({real})" if group == "route" else ""  # whole numbers among it
-        declared += [f"const {real} {v} = {cast}{group}->{member};" for member, v in used]
-        idle += [] if used or group not in program.arguments else [f"(void){group};"]
-    declared += lines(program.operations, language)
-    targets = {"state": "state", "inputs": "output", "empty": "state", "limited": "output"}
-    empty = {} if program.results["state"] else {"empty": (Field(EMPTY, (), (0.0,)),)}
-    results = [
-        f"{target}->{field.member}{place} = {text(value, language)};"
-        for group, target in targets.items()
-        for field in (program.results | empty).get(group, ())
-        for place, value in field.elements
-    ]
+    results = [line for group, target in TARGETS for line in assigned(target, program.results.get(group, ()), name)]
+    if not program.results["state"]:
+        results += assigned("state", [Field(EMPTY, (), (0.0,))], name)
     if status := program.results.get("status"):
-        not_finite, started = (text(field.variables[0], language) for field in status)
+        not_finite, started = (text(field.variables[0], c_language.language(name)) for field in status)
         words = [f"{name.upper()}_{word}" for word in guard.STATUS]
         results.append(f"output->status = {not_finite} ? {words[1]} : {started} ? {words[2]} : {words[0]};")
-    return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
+    return "\n".join(f"    {line}" for line in (*computed(program, name), *results))
 
 
 def _vectors(step: Program, rows: np.ndarray) -> str:
     """`vectors.h`: the rows of the self-test, with their number and the sizes of their parts."""
-    groups = {group: step.arguments.get(group, ()) for group in GROUPS[1:4]}  # a route is none of the rows
+    groups = {group: step.arguments.get(group, ()) for group in GROUPS}
     counts = {group.upper(): sum(len(f.variables) for f in fields) for group, fields in groups.items()}
     counts["RESULTS"] = counts["STATE"] + sum(len(f.variables) for f in step.results["inputs"])
     lines = ["    {" + ", ".join(map(double, row)) + "}," for row in rows.tolist()]

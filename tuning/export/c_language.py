@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from . import tables
-from .expressions import Language
+from .expressions import Language, lines, text
 from .operations import Choice, Least
+from .program import Field, Program
+
+EMPTY = "unused"  # member of a structure that has no other
 
 
 def double(x: float) -> str:
@@ -55,3 +60,37 @@ def language(name: str) -> Language:
 
 def _indented(block: list[str]) -> list[str]:
     return [f"    {line}" for line in block]
+
+
+def struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
+    """A structure NAME_WORD of numbers, with a note beside those that have one; `more` lines after them.
+
+    Without any it has one member: C99 has no structure without members.
+    """
+    real, members = f"{name.rpartition('_')[0]}_real", []
+    for field in fields:
+        shape = "".join(f"[{n}]" for n in field.shape)
+        note = notes.get(field.name, "")
+        members.append(f"    {real} {field.member}{shape};" + (f" /* {note} */" if note else ""))
+    members += [*more] or ([] if members else [f"    {real} {EMPTY};"])
+    return "typedef struct {\n" + "\n".join(members) + f"\n}} {name};"
+
+
+def computed(program: Program, name: str) -> list[str]:
+    """What a function reads of its arguments, called as the program's groups, and all that it makes of that."""
+    real, read, declared, idle = f"{name}_real", program.read, [], []
+    for group, fields in program.arguments.items():
+        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
+        cast = f"({real})" if group == "route" else ""  # whole numbers among it
+        declared += [f"const {real} {v} = {cast}{group}->{member};" for member, v in used]
+        idle += [] if used else [f"(void){group};"]
+    return [*declared, *lines(program.operations, language(name)), *idle]
+
+
+def assigned(target: str, fields: Iterable[Field], name: str) -> list[str]:
+    """Results handed over in the structure that `target` points to."""
+    return [
+        f"{target}->{field.member}{place} = {text(value, language(name))};"
+        for field in fields
+        for place, value in field.elements
+    ]
