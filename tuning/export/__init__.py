@@ -1,8 +1,10 @@
-"""A tuned controller that runs without Python, or without JAX: C, NumPy, ROS 2, StableHLO, all from the one law."""
+"""A tuned controller that runs without Python, or without JAX: C, NumPy, ROS 2, StableHLO, FMU, all from the one law."""
 
 FORMATS = {  # by the word of `--format`, the module with `NAME` and `files(artefact, name)`: a new form is a row here
     "c": "tuning.export.c",
+    "fmu": "tuning.export.fmu",
     "numpy": "tuning.export.numpy",
     "ros2": "tuning.export.ros2",
     "stablehlo": "tuning.export.stablehlo",
 }
+PLANTS = {"fmu": "tuning.export.fmu.plant"}  # those that can be of the vehicle too, by `--what plant`

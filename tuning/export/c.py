@@ -38,24 +38,45 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         agvjax.InputError: the name is none of a C library.
         ValueError: the law or the vehicle names a number as C cannot.
     """
+    step = program.step(artefact.controller)
+    texts, parts = _library(artefact, step, name)
+    header, rows = table(artefact, step)
+    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    parts |= {
+        "TITLE": title(artefact),
+        "PERIOD": f"{float(artefact.controller.period):g}",
+        "ROWS": str(len(rows)),
+        "FIRST": inputs[0],
+        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+    }
+    texts |= {file: filled(TEMPLATES / f"{file}.txt", parts) for file in ("main.c", "Makefile", "README.md")}
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    return texts | {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
+
+
+def library(artefact: Artefact, step: Program, name: str) -> dict[str, str]:
+    """Header and source of a `step`, and the route where there is one: what a program links; raises as `files` does."""
+    return _library(artefact, step, name)[0]
+
+
+def title(artefact: Artefact) -> str:
+    """What it is, in a line."""
+    facts, period = artefact.provenance, float(artefact.controller.period)
+    return f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time."
+
+
+def _library(artefact: Artefact, step: Program, name: str) -> tuple[dict[str, str], dict[str, str]]:
+    """These files, and what templates say of them."""
     if wrong := names.faults(name):
         raise InputError(wrong)
-    step, start = program.step(artefact.controller), program.start(artefact.controller)
     _check(step)
-    header, rows = table(artefact, step)
-    period, facts = float(artefact.controller.period), artefact.provenance
-    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    start, facts = program.start(artefact.controller), artefact.provenance
     gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
         **c_route.parts(artefact.route, step.given, name),
-        "TITLE": f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.",
-        "PERIOD": f"{period:g}",
-        "EXACT_PERIOD": double(period),
-        "ROWS": str(len(rows)),
-        "FIRST": inputs[0],
-        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "EXACT_PERIOD": double(float(artefact.controller.period)),
         "STATUS": _status(name),
         "STRUCTS": _structs(artefact, step, name),
         "FUNCTIONS": ", ".join(sorted(_functions(step, start))),
@@ -63,14 +84,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "HASH": facts["configuration_sha256"],
         "START": _body(start, name),
         "STEP": _body(step, name),
-        "PROVENANCE": _commented(json.dumps(facts, indent=2)),
+        "PROVENANCE": commented(json.dumps(facts, indent=2)),
     }
-    texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
-    texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
-    texts = {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()}
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
-    texts |= {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
-    return texts | c_route.files(artefact, name)
+    texts = {f"{name}.{end}": filled(TEMPLATES / f"controller.{end}.txt", parts) for end in ("h", "c")}
+    return texts | c_route.files(artefact, name), parts
 
 
 def _check(step: Program) -> None:
@@ -92,7 +109,7 @@ def _status(name: str) -> str:
     return "\n".join([*lines, f"#define {name.upper()}_FAR {farthest('float32'):.1f}f /* m */"])
 
 
-def _commented(text: str) -> str:
+def commented(text: str) -> str:
     """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
     return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
 
