@@ -1,4 +1,4 @@
-"""A tuned controller that runs without Python, or without JAX: C, NumPy, ROS 2, StableHLO, FMU, all from the one law."""
+"""A tuned controller that runs without Python, or without JAX: C, FMU, NumPy, ROS 2, StableHLO, of the one law."""
 
 FORMATS = {  # by the word of `--format`, the module with `NAME` and `files(artefact, name)`: a new form is a row here
     "c": "tuning.export.c",

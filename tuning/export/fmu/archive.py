@@ -29,26 +29,27 @@ PATIENCE = 120.0  # s for the compiler
 
 
 def archives(model: Model, artefact: Artefact) -> dict[str, bytes]:
-    """NAME.fmi2.fmu and NAME.fmi3.fmu; without a compiler they have sources alone, and the artefact's `note` says so."""
-    token = hashlib.sha256(json.dumps([model._replace(variables=()), list(map(repr, model.variables))]).encode())
-    found, lacks = {}, ""
-    for version, folder in (("fmi2", _folder(2)), ("fmi3", _folder(3))):
-        parts = {"NAME": model.name, "TOKEN": token.hexdigest()}
+    """NAME.fmi2.fmu and NAME.fmi3.fmu; without a compiler they have sources alone, which the artefact's `note` says."""
+    token = hashlib.sha256(json.dumps([model.sources, fmi3(model, "")]).encode()).hexdigest()
+    parts, found, lacks = {"NAME": model.name, "TOKEN": token}, {}, ""
+    for version in ("fmi2", "fmi3"):
         sources = model.sources | {
             f"{model.name}_instance.h": filled(TEMPLATES / "instance.h.txt", parts),
             f"{model.name}_{version}.c": filled(TEMPLATES / f"{version}.c.txt", parts),
         }
         compiled = [*model.units, f"{model.name}_{version}.c"]
         files: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items()}
-        if version == "fmi2":
-            files["modelDescription.xml"] = fmi2(model, parts["TOKEN"], compiled)
-        else:
-            files["modelDescription.xml"] = fmi3(model, parts["TOKEN"])
-            files["sources/buildDescription.xml"] = build(model, compiled)
         files["resources/provenance.json"] = json.dumps(artefact.provenance, indent=2) + "\n"
+        if version == "fmi2":
+            files["modelDescription.xml"] = fmi2(model, token, compiled)
+        else:
+            files |= {
+                "modelDescription.xml": fmi3(model, token),
+                "sources/buildDescription.xml": build(model, compiled),
+            }
         library = _library(sources, compiled)
         if isinstance(library, bytes):
-            files[f"{folder}/{model.name}{SYSTEMS[sys.platform][1]}"] = library
+            files[f"binaries/{_folder(version)}/{model.name}{SYSTEMS[sys.platform][1]}"] = library
         else:
             lacks = library
         found[f"{model.name}.{version}.fmu"] = _zipped(files)
@@ -57,12 +58,12 @@ def archives(model: Model, artefact: Artefact) -> dict[str, bytes]:
     return found
 
 
-def _folder(version: int) -> str:
-    """Where the library of this machine lies."""
+def _folder(version: str) -> str:
+    """Where the library of this machine lies among others."""
     system, machine = sys.platform, platform.machine().lower()
-    if version == 2:
-        return f"binaries/{WORDS.get(system, system)}"
-    return f"binaries/{MACHINES.get(machine, machine)}-{SYSTEMS.get(system, (system,))[0]}"
+    if version == "fmi2":
+        return WORDS[system]
+    return f"{MACHINES.get(machine, machine)}-{SYSTEMS[system][0]}"
 
 
 def _library(sources: dict[str, str], compiled: Sequence[str]) -> bytes | str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agvjax import Sampled
 from agvjax.leaves import get, rule_of, unit_of
 
 from .. import c, guard, program
@@ -15,7 +16,7 @@ from ..program import Program
 from .archive import TEMPLATES, archives
 from .description import Model
 from .readme import readme
-from .variables import CONSTANT, HELD, INPUT, TUNABLE, Variable, check, clock, commands, of_field, seen, switches
+from .variables import CONSTANT, HELD, INPUT, TUNABLE, Variable, capped, cases, check, clock, commands, of_field, seen
 
 NAME = "agv_controller"
 PERIOD = "period"  # a gain of the law, and what an FMU's step is: no importer may change it
@@ -37,7 +38,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     given = "&m->reference" if step.given == "reference" else f"&{name}_configured_route"
     members = [f"    {name}_{group} {group};" for group in STATES if group == "output" or group in step.arguments]
     said = {"NAME": name, "UPPER": name.upper(), "GIVEN": given}
-    parts = said | switches(variables) | {
+    parts = said | cases(variables) | {
         "STEP": double(float(artefact.controller.period)),
         "SAMPLES": "1",
         "MEMBERS": "\n".join([*members, "    int begun; /* whether the law has looked once */"]),
@@ -61,9 +62,17 @@ def _variables(artefact: Artefact, step: Program) -> list[Variable]:
     kept = "whether the law kept something back"
     found.append(Variable("limited", "m->output.limited", HELD, about=kept, kind="Boolean"))
     found.append(Variable("status", "m->output.status", HELD, about=words, kind="Integer"))
+    most = _most(law)
     for field in step.arguments["gains"]:
         name, value = field.name, np.asarray(get(law, field.name), float)
         role = CONSTANT if name == PERIOD else TUNABLE
-        facts = {"unit": unit_of(law, name), "rule": rule_of(law, name)}
+        rule = capped(rule_of(law, name), most[name]) if name in most else rule_of(law, name)
+        facts = {"unit": unit_of(law, name), "rule": rule}
         found += of_field("gains", field, role, values=value, pairs=False, **facts)
     return found
+
+
+def _most(law: Sampled) -> dict[str, float]:
+    """Parameters that what is kept from period to period is too short for beyond: delays, by the inputs stored."""
+    parts, period = {"prediction": law.prediction, "compensation": law.compensation}, float(law.period)
+    return {f"{part}.{name}": x for part, held in parts.items() for name, x in held.upper_bounds(period).items()}

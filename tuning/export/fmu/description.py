@@ -11,6 +11,7 @@ from .units import powers
 from .variables import HELD, OUTPUT, Variable
 
 KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}  # of FMI 2.0 -> of FMI 3.0
+ONCE = {"canBeInstantiatedOnlyOncePerProcess": "false", "canHandleVariableCommunicationStepSize": "false"}
 CATEGORIES = {"warnings": "what a step says of itself", "errors": "why something was refused"}
 
 
@@ -29,8 +30,12 @@ class Model(NamedTuple):
 def fmi2(model: Model, token: str, compiled: Sequence[str]) -> str:
     """Of FMI 2.0; `compiled` names the sources of a binary."""
     root = _root(model, "2.0", guid=token, numberOfEventIndicators="0")
-    able = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "canNotUseMemoryManagementFunctions": "true"}
-    slave = SubElement(root, "CoSimulation", modelIdentifier=model.name, **able)
+    able = {
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "canNotUseMemoryManagementFunctions": "true",
+    }
+    slave = SubElement(root, "CoSimulation", modelIdentifier=model.name, **ONCE, **able)
     files = SubElement(slave, "SourceFiles")
     for file in compiled:
         SubElement(files, "File", name=file)
@@ -52,7 +57,7 @@ def fmi3(model: Model, token: str) -> str:
     """Of FMI 3.0."""
     root = _root(model, "3.0", instantiationToken=token)
     able = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "fixedInternalStepSize": repr(model.step)}
-    SubElement(root, "CoSimulation", modelIdentifier=model.name, **able)
+    SubElement(root, "CoSimulation", modelIdentifier=model.name, **ONCE, **able)
     _before(root, model)
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(model.variables):

@@ -15,7 +15,7 @@ KNOWN = {  # what units here are made of
 
 
 def powers(unit: str) -> dict[str, int] | None:
-    """Of the base units: `kg m^2/s` -> kg 1, m 2, s -1; None of what is no such unit, as a fractional power or words."""
+    """Of the base units: `kg m^2/s` -> kg 1, m 2, s -1; None of any other, as fractional powers or words."""
     above, stroke, below = unit.partition("/")
     below = below.removeprefix("(").removesuffix(")")
     found: dict[str, int] = {}

@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from agvjax._pytree import Rule
+from agvjax._pytree import ANY, Rule
 from agvjax.protocols import Plant
 
 from ..c import UNITS
 from ..c_language import double
-from ..names import check_members
 from ..program import Field
 
 AXES = ("x", "y")  # of the pairs that measurements, references and commands have
@@ -115,16 +114,24 @@ def commands(group: str, fields: Sequence[Field], plant: Plant, role: Role, pref
     return found
 
 
+def capped(rule: Rule | None, most: float) -> Rule:
+    """A rule that ends at `most` too."""
+    known = ANY if rule is None else rule
+    text = f"{known.text}, at most {most:g}"
+    return Rule(text, lambda x: known.holds(x) & (x <= most), known.low, min(known.high, most))
+
+
 def check(variables: Sequence[Variable]) -> None:
     """Raise a ValueError where two have one name, or a name is none of FMI's structured ones."""
     names = [variable.name for variable in variables]
     for name in names:
         if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(\[\d+(,\d+)*\])?", name, re.ASCII):
             raise ValueError(f"the name {name[:40]!r} is none of a variable of FMI")
-    check_members("the FMU", [re.sub(r"\W+", "_", name).strip("_").replace("__", "_") for name in names])
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"the FMU would have the variable {twice[0]} twice")
 
 
-def switches(variables: Sequence[Variable]) -> dict[str, str]:
+def cases(variables: Sequence[Variable]) -> dict[str, str]:
     """The cases of model.h, by the key of its template."""
     numbered = list(enumerate(variables))
 
@@ -141,5 +148,5 @@ def switches(variables: Sequence[Variable]) -> dict[str, str]:
     }
 
 
-def _lines(cases: Iterable[str]) -> str:
-    return "\n".join(f"    {case}" for case in cases)
+def _lines(each: Iterable[str]) -> str:
+    return "\n".join(f"    {line}" for line in each)
