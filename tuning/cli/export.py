@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports, console.note)
     module = importlib.import_module(forms[arguments.format])  # late: each has its own needs
     try:
-        contents = module.files(found, name or module.NAME)
+        made = module.files(found, name or module.NAME)
     except InputError:
         raise
     except ValueError as error:
@@ -43,15 +43,14 @@ def run(arguments: argparse.Namespace) -> int:
         key, kind = ("controller", found.provenance["law"][-1]) if what == "controller" else ("scenario", what)
         raise InputError([Fault(key, kind, rule)]) from error
     out = new_folder(arguments.out, arguments.command)
+    contents = {"provenance.json": files.as_json(found.provenance)} | made  # a form may have more to say there
     for name, content in contents.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)
-    files.write_json(out / "provenance.json", found.provenance)
     if isinstance(found.provenance["uncertainty"], str):
         console.note(f"uncertainty {found.provenance['uncertainty']}")
     verdict = found.provenance["verdict"]
     if verdict not in (artefact.MET, artefact.UNJUDGED):
         console.note(f"verdict on these gains: {verdict}")
-    written = sorted([*contents, "provenance.json"])
-    console.say(f"{len(written)} files written to {out}: {', '.join(written)}")
+    console.say(f"{len(contents)} files written to {out}: {', '.join(sorted(contents))}")
     return 0

@@ -1,9 +1,13 @@
 """Exported FMUs in FMPy, which reads and runs them by the standard alone: law and vehicle beside `simulate`."""
 
+import dataclasses
 import functools
+import json
+import re
 import shutil
 import subprocess
 import zipfile
+from xml.etree import ElementTree
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +15,17 @@ import numpy as np
 import pytest
 
 import agvjax
+from agvjax._pytree import POSITIVE
 from agvjax.leaves import replace
 from agvjax.paths.heading import reference
+from commands import ROOT
 from tuning import config as configuration
-from tuning.export import artefact
-from tuning.export.fmu import controller, plant
+from tuning.cli.main import main
+from tuning.export import artefact, program
+from tuning.export.fmu import archive, controller, plant
+from tuning.export.fmu.description import Model, fmi2, fmi3
+from tuning.export.fmu.units import powers
+from tuning.export.fmu.variables import TUNABLE, Variable, check, clock
 
 fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
@@ -25,6 +35,11 @@ from fmpy.validation import validate_fmu  # noqa: E402
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler is installed")
 STRICT = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fPIC", "-shared"]
 VERSIONS = ("fmi2", "fmi3")
+TIMED = agvjax.Sampled(
+    inner=agvjax.NeuroBackstepping(k1=3.0, k2=10.0, Lam=2.0, omega_n=30.0),
+    vehicle=agvjax.Unicycle(),
+    anti_windup=agvjax.BackCalculation(speed=0.8, limits=np.array([3.0, 6.0])),
+)
 PAPER = ['controller.type="sampled"', "simulate.dt=0.005", "simulate.horizon=4.0"]
 CASES = {  # presets and changes
     "route": (["base"], ["simulate.horizon=4.0", "scenario.start.position=[8.5, -0.2]", "scenario.start.heading=0.3"]),
@@ -297,13 +312,13 @@ def test_a_vehicle_whose_parameters_are_set_drives_as_the_simulators_with_these(
     case, files = config("route"), exported("route")
     values = {"deadzone.left.threshold_right": 0.09, "plant.time_constant": 0.2, "actuators.left.delay.time": 0.1}
     scenario = replace(case.scenario, values | {"start.position": np.array([8.7, -0.1])})
-    every, steps = 10, 300
-    run = agvjax.simulate(case.controller, scenario, dt=case.simulate.dt, n_steps=steps, save_every=every)
+    run = agvjax.simulate(case.controller, scenario, save_every=10, **case.timing())
     law = Unit(files["law", version], "law", version).begin()
     vehicle = Unit(files["vehicle", version], "vehicle", version)
     vehicle.begin(**values, **{"start.position[0]": 8.7, "start.position[1]": -0.1})
-    got, _ = drive(law, vehicle, "route", steps // every)
-    assert np.abs(got[:, :2] - run.position[:-1]).max() < 1e-9
+    got, _ = drive(law, vehicle, "route", 80)
+    deviation = np.abs(got[:, :2] - run.position[:-1]).max()
+    assert deviation < 1e-9 and np.abs(got[:, :2] - simulated("route")[:, :2]).max() > 0.1
 
 
 @each_version
@@ -440,6 +455,7 @@ int main(int argc, char **argv) {
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_sources_of_both_make_one_program_that_is_clean_under_the_sanitizers(exported, tmp_path):
     files, parts = exported("route"), []
@@ -469,12 +485,130 @@ def test_sources_of_both_make_one_program_that_is_clean_under_the_sanitizers(exp
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_compilers_have_nothing_to_say_of_the_sources(compiler, exported, tmp_path):
+@pytest.mark.parametrize("name", ["paper", pytest.param("route", marks=pytest.mark.slow)])
+def test_compilers_have_nothing_to_say_of_the_sources(name, compiler, exported, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    for name in ("route", "paper"):
-        for (kind, version), file in exported(name).items():
-            home = file.parent / f"{kind}_{version}" / "sources"
-            sources = [str(x) for x in home.glob("*.c")]
-            done = subprocess.run([compiler, *STRICT, *sources, "-o", tmp_path / "made", "-lm"], capture_output=True)
-            assert done.returncode == 0, done.stderr
+    for (kind, version), file in exported(name).items():
+        sources = [str(x) for x in (file.parent / f"{kind}_{version}" / "sources").glob("*.c")]
+        command = [compiler, *STRICT, "-O0" if name == "paper" else "-O2", *sources, "-o", tmp_path / "made", "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and not done.stderr, done.stderr
+
+
+def test_without_a_compiler_an_fmu_has_its_sources_alone_and_that_is_said(tmp_path, monkeypatch):
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(TIMED))
+    (tmp_path / "config.toml").write_text('[scenario]\nplant = "unicycle"\n')
+    said = []
+    known = artefact.read(str(tmp_path / "gains.toml"), note=said.append)
+    monkeypatch.setattr(archive.shutil, "which", lambda name: None)
+    for form, word, why in ((controller, "", "no C compiler is found"), (plant, "false", "false fails")):
+        monkeypatch.setenv("CC", word)
+        said.clear()
+        files = form.files(known)
+        assert len(said) == 1 and why in said[0] and "no binary" in said[0]
+        for version in VERSIONS:
+            file = tmp_path / f"{form.NAME}.{version}.fmu"
+            file.write_bytes(files[file.name])
+            assert validate_fmu(str(file)) == []
+            with zipfile.ZipFile(file) as found:
+                assert not [name for name in found.namelist() if name.startswith("binaries/")]
+                assert f"sources/{form.NAME}.c" in found.namelist()
+
+
+def test_the_same_export_is_the_same_archive_to_the_byte(exported, tmp_path):
+    files = exported("paper")
+    folder = files["law", "fmi2"].parent
+    again = controller.files(artefact.read(str(folder / "gains.toml")))
+    for version in VERSIONS:
+        assert again[f"agv_controller.{version}.fmu"] == files["law", version].read_bytes()
+
+
+def test_what_a_person_has_written_stands_in_the_xml_as_it_is():
+    odd = "a < b & \"c\" > 'd' ]]> --> Grüße"
+    about = Variable("x.y[0]", "m->x", TUNABLE, 0.5, "m", odd, POSITIVE)
+    model = Model("law", odd, odd, 0.05, [clock, about], {}, [])
+    for text, tag in ((fmi2(model, "token", []), "ScalarVariable"), (fmi3(model, "token"), "Float64")):
+        root = ElementTree.fromstring(text)
+        assert root.attrib["description"] == odd and root.attrib["generationTool"] == odd
+        assert root.findall(f"ModelVariables/{tag}")[1].attrib["description"] == f"{odd}; > 0"
+
+
+def test_units_are_powers_of_base_units():
+    assert powers("m/s^2") == {"m": 1, "s": -2} and powers("rad/s") == {"rad": 1, "s": -1}
+    assert powers("1/(m^2 s)") == {"m": -2, "s": -1} and powers("kg m^2") == {"kg": 1, "m": 2}
+    assert powers("Nm s/rad") == {"kg": 1, "m": 2, "s": -1, "rad": -1}  # kg m^2 s^-2 s
+    assert powers("1") == powers("s/s") == {}
+    for words in ("m^0.5/s^1.5", "unit of the command", "m/s^2, m/s^2, rad/s", "", "furlong", "m//s", "m^x"):
+        assert powers(words) is None, words
+
+
+def test_a_variable_without_a_name_of_its_own_is_refused():
+    for names, word in ((["a.b", "a.b"], "twice"), (["a b"], "none of a variable"), (["a.1"], "none of a variable")):
+        with pytest.raises(ValueError, match=word):
+            check([Variable(name, "", TUNABLE) for name in names])
+
+
+def test_a_delay_that_the_law_remembers_is_no_longer_than_its_memory():
+    """Four inputs of .02 s each."""
+    law = dataclasses.replace(TIMED, prediction=agvjax.Predictor(delay=0.05, slots=4))
+    found = {v.name: v for v in controller.variables_of(law, program.step(law))}
+    assert found["prediction.delay"].bounds == (0.0, 0.08) and "at most 0.08" in found["prediction.delay"].rule.text
+    assert found["prediction.delay"].allows("x") == "x >= 0.0 && x <= 0.08"
+    assert found["inner.k1"].allows("x") == "x > 0.0" and found["period"].role.variability == "constant"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--format", "c", "--what", "plant"], "--what = plant: must be of --format fmu"),
+        (["--format", "fmu", "--what", "plant"], "config.toml beside the gains"),
+        (["--format", "fmu", "--what", "plant", "--config", "robot"], "scenario.sensor"),
+        (
+            ["--format", "fmu", "--what", "plant", "--config", "recorded.toml"],
+            "a vehicle that can be exported (the vehicle uses",
+        ),
+    ],
+)
+def test_vehicles_that_cannot_be_exported_are_refused_before_anything_is_written(options, words, tmp_path, capsys):
+    law = configuration.load(["robot"]).controller if "robot" in options else TIMED
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(law))
+    record = '[scenario]\nplant = "unicycle"\n[scenario.disturbance]\ntype = "recorded"\n'
+    (tmp_path / "recorded.toml").write_text(
+        record + "times = [0.0, 1.0]\nvalues = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]\n"
+    )
+    options = [str(tmp_path / x) if x.endswith(".toml") else x for x in options]
+    assert main(["export", str(tmp_path / "gains.toml"), *options, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert words in said and "Traceback" not in said and not (tmp_path / "out").exists()
+
+
+def test_the_command_writes_both_versions_of_the_vehicle(tmp_path, capsys):
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(TIMED))
+    (tmp_path / "config.toml").write_text('[scenario]\nplant = "unicycle"\n')
+    out = tmp_path / "out"
+    command = ["export", str(tmp_path / "gains.toml"), "--format", "fmu", "--what", "plant", "--name", "cart"]
+    assert main([*command, "--out", str(out)]) == 0
+    assert "4 files" in capsys.readouterr().out
+    assert {file.name for file in out.iterdir()} == {"cart.fmi2.fmu", "cart.fmi3.fmu", "README.md", "provenance.json"}
+    told = json.loads((out / "provenance.json").read_text())
+    for version in VERSIONS:
+        with zipfile.ZipFile(out / f"cart.{version}.fmu") as found:
+            assert json.loads(found.read("resources/provenance.json")) == told
+            assert told["configuration_sha256"] in found.read("sources/cart.h").decode()
+    assert "`deadzone.acceleration.threshold_right`" in (out / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_commands_and_the_loop_of_the_page_run(tmp_path, monkeypatch):
+    text = (ROOT / "docs" / "fmu.md").read_text()
+    commands = [line for line in re.findall(r"^agvjax (.*)$", text, re.M) if "presets" in line]
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    monkeypatch.chdir(tmp_path)
+    for command in commands:
+        assert main([str(ROOT / word) if word.endswith(".toml") else word for word in command.split()]) == 0
+    space = {}
+    exec(code, space)
+    case = configuration.load(["base"])
+    run = agvjax.simulate(case.controller, case.scenario, dt=0.005, n_steps=4000, save_every=10)
+    assert np.abs(np.array(space["way"]) - run.position[:-1]).max() < 1e-9

@@ -33,7 +33,7 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     """
     step = program.step(artefact.controller)
     sources = c.library(artefact, step, name)
-    variables = _variables(artefact, step)
+    variables = variables_of(artefact.controller, step)
     check(variables)
     given = "&m->reference" if step.given == "reference" else f"&{name}_configured_route"
     members = [f"    {name}_{group} {group};" for group in STATES if group == "output" or group in step.arguments]
@@ -52,8 +52,8 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     return archives(model, artefact) | {"README.md": readme(model, artefact, "controller")}
 
 
-def _variables(artefact: Artefact, step: Program) -> list[Variable]:
-    law = artefact.controller
+def variables_of(law: Sampled, step: Program) -> list[Variable]:
+    """Those of a law and its `step`."""
     found = [clock]
     found += seen("measurement", step.arguments["measurement"], INPUT, "measurement.")
     found += seen("reference", step.arguments.get("reference", ()), INPUT, "reference.")

@@ -52,7 +52,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     config = _known(artefact)
     scenario = scenario_of(config)
     values = {key: np.asarray(x, float) for key, x in leaves(scenario).items() if _settable(scenario, key)}
-    start, step = programs(config, scenario, values)
+    try:
+        start, step = programs(config, scenario, values)
+    except ValueError as error:
+        raise ValueError(str(error).replace("the law", "the vehicle")) from error
     for group, fields in (*step.arguments.items(), *step.results.items()):
         names.check_members(group, [field.member for field in fields])
     variables = _variables(scenario, step, values)
