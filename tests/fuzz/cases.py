@@ -148,7 +148,7 @@ def _sound(rng: random.Random) -> Case:
     if command == "export":
         kind = rng.choice(["unicycle", "car", "robot"])
         files["gains.toml"] = config.dump(config.load([kind])).encode().hex()
-        return Case([*argv, "gains.toml", "--format", rng.choice(["c", "numpy", "ros2", "stablehlo"])], files)
+        return Case([*argv, "gains.toml", "--format", rng.choice(["c", "fmu", "numpy", "ros2", "stablehlo"])], files)
     argv += ["--config", preset] if preset else []
     for setting in SMALL:
         argv += ["--set", setting]
@@ -238,7 +238,7 @@ def _odd(rng: random.Random, names: list[str]) -> Case:
         argv.append("log.csv")
     if command == "export":
         files["gains.toml"] = _file(rng, "gains.toml", settings).hex()
-        argv += ["gains.toml", "--format", rng.choice(["c", "numpy", "ros2", "stablehlo"])]
+        argv += ["gains.toml", "--format", rng.choice(["c", "fmu", "numpy", "ros2", "stablehlo"])]
     if rng.random() < 0.25:
         files["mine.toml"] = _file(rng, "mine.toml", settings).hex()
         argv += ["--config", "mine.toml"]

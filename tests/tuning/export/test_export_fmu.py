@@ -327,6 +327,10 @@ def test_steps_may_be_parts_or_multiples_of_the_period_and_no_other(version, exp
     whole, _ = loop(files, version, name)
     parts, _ = loop(files, version, name, part=5)  # of .01 s, two of the vehicle's steps
     assert np.array_equal(whole, parts)
+    tiny = Unit(files["law", version], "law", version).begin()
+    tiny.set({"measurement.position_x": 8.5})
+    tiny.step(0.0, 1e-6)  # the law looks in its very first step, however short
+    assert any(tiny.get("command.").values())
     once, twice = (Unit(files["law", version], "law", version, n).begin() for n in ("once", "twice"))
     seen = {"measurement.position_x": 8.5, "measurement.velocity_x": 0.5, "measurement.heading": 0.2}
     once.set(seen)
@@ -406,6 +410,12 @@ def test_an_fmu_of_another_export_is_not_instantiated(exported):
         about = {"unzipDirectory": folder, "modelIdentifier": "agv_controller", "instanceName": "one"}
         with pytest.raises(Exception, match="instantiate"):
             instantiate(guid="0" * 64, **about).instantiate()
+    said = []
+    with pytest.raises(Exception, match="instantiate"):
+        known = fmpy.read_model_description(str(exported("route")["law", "fmi3"])).guid
+        log = lambda environment, status, category, text: said.append(text.decode())  # noqa: E731
+        FMU3Slave(guid=known, **about).instantiate(eventModeUsed=True, logMessage=log)
+    assert said == ["it has no event mode"]
 
 
 TOGETHER = r"""

@@ -35,7 +35,7 @@ def fmi2(model: Model, token: str, compiled: Sequence[str]) -> str:
         "canSerializeFMUstate": "true",
         "canNotUseMemoryManagementFunctions": "true",
     }
-    slave = SubElement(root, "CoSimulation", modelIdentifier=model.name, **ONCE, **able)
+    slave = SubElement(root, "CoSimulation", {"modelIdentifier": model.name} | ONCE | able)
     files = SubElement(slave, "SourceFiles")
     for file in compiled:
         SubElement(files, "File", name=file)
@@ -49,7 +49,7 @@ def fmi2(model: Model, token: str, compiled: Sequence[str]) -> str:
         group = SubElement(structure, kind)
         for reference in outputs:
             known = {"dependencies": ""} if kind == "Outputs" else {}
-            SubElement(group, "Unknown", index=str(reference + 1), **known)
+            SubElement(group, "Unknown", {"index": str(reference + 1)} | known)
     return _text(root)
 
 
@@ -57,7 +57,7 @@ def fmi3(model: Model, token: str) -> str:
     """Of FMI 3.0."""
     root = _root(model, "3.0", instantiationToken=token)
     able = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "fixedInternalStepSize": repr(model.step)}
-    SubElement(root, "CoSimulation", modelIdentifier=model.name, **ONCE, **able)
+    SubElement(root, "CoSimulation", {"modelIdentifier": model.name} | ONCE | able)
     _before(root, model)
     variables = SubElement(root, "ModelVariables")
     for reference, variable in enumerate(model.variables):

@@ -86,7 +86,7 @@ def _counted(element: Element) -> Element:
 
 def programs(config: Config, scenario: Scenario, values: dict[str, np.ndarray]) -> tuple[Program, Program]:
     """How the vehicle starts, and one step: those of the simulator's rollout."""
-    timing = dataclasses.replace(config.timing(), n_steps=FOREVER)
+    timing = dataclasses.replace(config.timing(), n_steps=FOREVER, control_every=1)
 
     def rollout(parameters: Json, command: Inputs) -> Rollout:
         scene = replace(scenario, parameters)
