@@ -19,10 +19,10 @@ RESULTS = ("state", "inputs", "limited", "status")  # groups, in this order
 PLATFORMS = ("cpu", "cuda")
 MONTHS = 6  # for which JAX promises to read what it has written
 PROMISE = (
-    "a JAX released up to six months after the one that wrote a module reads it"
-    " (docs.jax.dev/en/latest/export/export.html#compatibility-guarantees). The date counts from the day of writing; if"
-    " that JAX was not new then, later ones may refuse the module sooner, by as much as it was older."
-    " The JAX that wrote it always reads it"
+    "a jaxlib built up to six months after the one that wrote a module reads it"
+    " (https://docs.jax.dev/en/latest/export/export.html#compatibility-guarantees). The date counts from the day of"
+    " writing, as if jaxlib had been built that day: the promise ends sooner by as much as it was older."
+    " The versions that wrote it go on reading it"
 )
 
 
@@ -63,7 +63,8 @@ def expiry(written: datetime.date) -> Json:
     year = written.year + years
     day = min(written.day, calendar.monthrange(year, month + 1)[1])
     ends = datetime.date(year, month + 1, day)
-    return {"date": ends.isoformat(), "written": written.isoformat(), "jax": jax.__version__, "promise": PROMISE}
+    versions = {"jax": jax.__version__, "jaxlib": jax.lib.__version__}
+    return {"date": ends.isoformat(), "written": written.isoformat(), **versions, "promise": PROMISE}
 
 
 def signature(artefact: Artefact) -> Json:

@@ -5,6 +5,7 @@ import functools
 import json
 import re
 import shutil
+import socket
 import subprocess
 import zipfile
 from xml.etree import ElementTree
@@ -53,6 +54,11 @@ CASES = {  # presets and changes
     "pushed": ([], [*PAPER, 'scenario.disturbance={type="step", time=1.237, amplitude=0.3}']),
     "rough": ([], [*PAPER, 'scenario.disturbance={type="band_limited_noise", seed=3.0}']),
 }
+ELEMENTS = "delay={time=0.03, jitter=0.01, slots=4}, saturation={upper=2.0, lower=-2.0}, quantisation={step=0.01}"
+ELEMENTS += ", lag={time_constant=0.05}, backlash={gap=0.02}, rate_limit={rate=20.0}"
+CASES["every element"] = (["unicycle"], ["simulate.horizon=4.0", f"scenario.actuators.acceleration={{{ELEMENTS}}}"])
+ICE = 'scenario.plant.surface={type="patch", center=[0.5, 1.0], radius=2.0, factor=0.3}'
+CASES["icy car"] = (["car"], ["simulate.horizon=4.0", ICE])
 each_version = pytest.mark.parametrize("version", VERSIONS)
 
 
@@ -593,7 +599,8 @@ def test_vehicles_that_cannot_be_exported_are_refused_before_anything_is_written
     assert words in said and "Traceback" not in said and not (tmp_path / "out").exists()
 
 
-def test_the_command_writes_both_versions_of_the_vehicle(tmp_path, capsys):
+def test_the_command_writes_both_versions_of_the_vehicle_and_asks_no_network(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(socket.socket, "connect", None)
     (tmp_path / "gains.toml").write_text(configuration.gains_table(TIMED))
     (tmp_path / "config.toml").write_text('[scenario]\nplant = "unicycle"\n')
     out = tmp_path / "out"

@@ -14,8 +14,8 @@ def readme(model: Model, artefact: Artefact, kind: str) -> str:
         role = variable.role
         what = role.causality if role.causality != "parameter" else f"{role.variability} parameter"
         start = "" if variable.start is None else f"{variable.start:g}"
-        rule = "" if variable.rule is None else variable.rule.text
-        rows.append(f"| `{variable.name}` | {what} | {start} | {variable.unit} | {rule} |")
+        about = variable.about if variable.rule is None else variable.rule.text
+        rows.append(f"| `{variable.name}` | {what} | {start} | {variable.unit} | {about} |")
     parts = {
         "NAME": model.name,
         "TITLE": model.about,
