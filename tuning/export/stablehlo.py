@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import calendar
 import datetime
+from importlib import metadata
 
 import jax
 import numpy as np
@@ -63,7 +64,7 @@ def expiry(written: datetime.date) -> Json:
     year = written.year + years
     day = min(written.day, calendar.monthrange(year, month + 1)[1])
     ends = datetime.date(year, month + 1, day)
-    versions = {"jax": jax.__version__, "jaxlib": jax.lib.__version__}
+    versions = {"jax": jax.__version__, "jaxlib": metadata.version("jaxlib")}
     return {"date": ends.isoformat(), "written": written.isoformat(), **versions, "promise": PROMISE}
 
 
