@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import io
 import json
 import re
 import shutil
@@ -579,7 +580,6 @@ def test_a_delay_that_the_law_remembers_is_no_longer_than_its_memory():
     [
         (["--format", "c", "--what", "plant"], "--what = plant: must be of --format fmu"),
         (["--format", "fmu", "--what", "plant"], "config.toml beside the gains"),
-        (["--format", "fmu", "--what", "plant", "--config", "robot"], "scenario.sensor"),
         (
             ["--format", "fmu", "--what", "plant", "--config", "recorded.toml"],
             "a vehicle that can be exported (the vehicle uses",
@@ -587,8 +587,7 @@ def test_a_delay_that_the_law_remembers_is_no_longer_than_its_memory():
     ],
 )
 def test_vehicles_that_cannot_be_exported_are_refused_before_anything_is_written(options, words, tmp_path, capsys):
-    law = configuration.load(["robot"]).controller if "robot" in options else TIMED
-    (tmp_path / "gains.toml").write_text(configuration.gains_table(law))
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(TIMED))
     record = '[scenario]\nplant = "unicycle"\n[scenario.disturbance]\ntype = "recorded"\n'
     (tmp_path / "recorded.toml").write_text(
         record + "times = [0.0, 1.0]\nvalues = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]\n"
@@ -597,6 +596,22 @@ def test_vehicles_that_cannot_be_exported_are_refused_before_anything_is_written
     assert main(["export", str(tmp_path / "gains.toml"), *options, "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert words in said and "Traceback" not in said and not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_vehicle_whose_sensor_is_noisy_is_exported_without_and_that_is_said(exported, tmp_path):
+    """It is the robot whose loop is compared, but for the sensor."""
+    said, case = [], configuration.load(["robot"])
+    (tmp_path / "gains.toml").write_text(configuration.gains_table(case.controller))
+    (tmp_path / "config.toml").write_text(configuration.dump(case))
+    files = plant.files(artefact.read(str(tmp_path / "gains.toml"), note=said.append))
+    assert len(said) == 1 and "noise is left out" in said[0]
+    with (
+        zipfile.ZipFile(exported("robot")["vehicle", "fmi2"]) as wanted,
+        zipfile.ZipFile(io.BytesIO(files["agv_plant.fmi2.fmu"])) as got,
+    ):
+        code = [x.read("sources/agv_plant.c") for x in (wanted, got)]
+    assert code[0] == code[1]
 
 
 def test_the_command_writes_both_versions_of_the_vehicle_and_asks_no_network(tmp_path, capsys, monkeypatch):

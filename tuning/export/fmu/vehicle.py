@@ -72,10 +72,10 @@ class Counted(Delay):
 
 
 def scenario_of(config: Config) -> Scenario:
-    """The scenario on its map, without what a vehicle does not know: no path, no limit."""
+    """The scenario on its map, without what is not the vehicle's: no path, no sensor, no limit."""
     scenario = mapped.start(config.scenario, 1.0)
     parts = {name: _counted(part) for name, part in scenario.actuators.items()}
-    return dataclasses.replace(scenario, actuators=parts, path=Nowhere(), heading=Tangent(), limit=np.inf)
+    return dataclasses.replace(scenario, actuators=parts, path=Nowhere(), heading=Tangent(), sensor=None, limit=np.inf)
 
 
 def _counted(element: Element) -> Element:
