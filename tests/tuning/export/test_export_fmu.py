@@ -43,15 +43,19 @@ TIMED = agvjax.Sampled(
     anti_windup=agvjax.BackCalculation(speed=0.8, limits=np.array([3.0, 6.0])),
 )
 PAPER = ['controller.type="sampled"', "simulate.dt=0.005", "simulate.horizon=4.0"]
+TURNED = ["simulate.horizon=4.0", "scenario.start.heading=0.3"]
 CASES = {  # presets and changes
     "route": (["base"], ["simulate.horizon=4.0", "scenario.start.position=[8.5, -0.2]", "scenario.start.heading=0.3"]),
     "paper": ([], PAPER),
     "unicycle": (["unicycle"], ["simulate.horizon=4.0"]),
     "car": (["car"], ["simulate.horizon=4.0"]),
     "robot": (["robot"], ['scenario.sensor="none"', "ensemble.draws={}", "simulate.horizon=4.0"]),
-    "ackermann": (["ackermann"], ["simulate.horizon=4.0"]),
-    "forklift": (["forklift"], ["simulate.horizon=4.0"]),
-    "late": (["base"], ["simulate.horizon=4.0", "scenario.actuators.left.delay.jitter=0.03"]),
+    "ackermann": (["ackermann"], TURNED),
+    "forklift": (["forklift"], TURNED),
+    "late": (
+        ["base"],
+        ["simulate.horizon=4.0", "scenario.start.heading=0.3", "scenario.actuators.left.delay.jitter=0.03"],
+    ),
     "pushed": ([], [*PAPER, 'scenario.disturbance={type="step", time=1.237, amplitude=0.3}']),
     "rough": ([], [*PAPER, 'scenario.disturbance={type="band_limited_noise", seed=3.0}']),
 }
@@ -197,7 +201,7 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in CASES if name not
 @pytest.mark.parametrize("name", ["route", "paper", *SLOW])
 def test_law_and_vehicle_drive_as_the_simulator_does(name, exported):
     wanted = simulated(name)
-    assert np.ptp(wanted[:, 0]) > 0.3  # it does move
+    assert np.ptp(wanted[:, :2], axis=0).min() > 0.03 and np.ptp(wanted[:, 4]) > 0.05  # it does move, and turn
     for version in VERSIONS:
         got, names = loop(exported(name), version, name)
         assert names[:5] == [
@@ -533,6 +537,7 @@ def test_without_a_compiler_an_fmu_has_its_sources_alone_and_that_is_said(tmp_pa
                 assert f"sources/{form.NAME}.c" in found.namelist()
 
 
+@pytest.mark.slow
 def test_the_same_export_is_the_same_archive_to_the_byte(exported, tmp_path):
     files = exported("paper")
     folder = files["law", "fmi2"].parent
