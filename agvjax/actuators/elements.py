@@ -210,7 +210,7 @@ class Delay(Element):
     def jump(self, flow: tuple[()], memory: DelayMemory, u: Array, h: Array) -> DelayMemory:
         """The step that begins: a command that has changed joins the line."""
         new = jnp.any(u != memory.values[0])
-        late = self.jitter * uniform(self.seed, memory.count)
+        late = self.lateness(memory.count)
 
         def joined(line: Array, first: Array) -> Array:
             return jnp.where(new, jnp.concatenate([first[None], line[:-1]]), line)
@@ -227,6 +227,10 @@ class Delay(Element):
         return DelayMemory(
             values=values, ages=ages + h, late=lates, mean=mean, count=memory.count + new.astype(memory.count.dtype)
         )
+
+    def lateness(self, count: Float[Array, ""]) -> Float[Array, ""]:
+        """By how much [s] the command of this number comes later than `time`."""
+        return self.jitter * uniform(self.seed, count)
 
     def reach(self, asked: Reach) -> Reach:
         """What it is asked for; late, it may jump."""

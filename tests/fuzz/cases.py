@@ -146,7 +146,7 @@ def _sound(rng: random.Random) -> Case:
     own = keys((preset,))
     places = [key for key, x in own.items() if key.startswith(("controller.", "scenario.")) and _tunable(x)]
     if command == "export":
-        form = rng.choice(["c", "nav2", "numpy", "ros2", "stablehlo"])
+        form = rng.choice(["c", "fmu", "nav2", "numpy", "ros2", "stablehlo"])
         kind = "base" if form == "nav2" else rng.choice(["unicycle", "car", "robot"])
         files["gains.toml"] = config.dump(config.load([kind])).encode().hex()
         return Case([*argv, "gains.toml", "--format", form], files)
@@ -239,7 +239,7 @@ def _odd(rng: random.Random, names: list[str]) -> Case:
         argv.append("log.csv")
     if command == "export":
         files["gains.toml"] = _file(rng, "gains.toml", settings).hex()
-        argv += ["gains.toml", "--format", rng.choice(["c", "nav2", "numpy", "ros2", "stablehlo"])]
+        argv += ["gains.toml", "--format", rng.choice(["c", "fmu", "nav2", "numpy", "ros2", "stablehlo"])]
     if rng.random() < 0.25:
         files["mine.toml"] = _file(rng, "mine.toml", settings).hex()
         argv += ["--config", "mine.toml"]

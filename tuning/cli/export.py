@@ -1,4 +1,4 @@
-"""`agvjax export`: the step of a tuned controller as C, NumPy, ROS 2 or StableHLO."""
+"""`agvjax export`: the step of a tuned controller as C, NumPy, ROS 2, StableHLO or FMU, and the vehicle as an FMU."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import jax
 from agvjax import Fault, InputError
 
 from ..compute import compiled
-from ..export import FORMATS, artefact, names
+from ..export import FORMATS, PLANTS, artefact, names
 from ..io import files
 from .console import Console
 from .folders import new_folder
@@ -25,29 +25,32 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.name
     if name is not None and (wrong := names.faults(name)):
         raise InputError(wrong)
+    forms, what = (PLANTS, "plant") if arguments.what == "plant" else (FORMATS, "controller")
+    if arguments.format not in forms:
+        raise InputError([Fault("--what", what, f"of --format {' or '.join(forms)}")])
     jax.config.update("jax_enable_x64", True)
     console = Console(arguments.quiet)
     compiled.keep_compiled()
     compiled.listen(console.note)
     found = artefact.read(arguments.gains, arguments.config, overrides(arguments), arguments.imports, console.note)
-    module = importlib.import_module(FORMATS[arguments.format])  # late: each has its own needs
+    module = importlib.import_module(forms[arguments.format])  # late: each has its own needs
     try:
-        contents = module.files(found, name or module.NAME)
+        made = module.files(found, name or module.NAME)
     except InputError:
         raise
     except ValueError as error:
-        rule = f"a law that can be exported ({error})"
-        raise InputError([Fault("controller", found.provenance["law"][-1], rule)]) from error
+        rule = f"{'a law' if what == 'controller' else 'a vehicle'} that can be exported ({error})"
+        key, kind = ("controller", found.provenance["law"][-1]) if what == "controller" else ("scenario", what)
+        raise InputError([Fault(key, kind, rule)]) from error
     out = new_folder(arguments.out, arguments.command)
+    contents = {"provenance.json": files.as_json(found.provenance)} | made  # a form may have more to say there
     for name, content in contents.items():
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         files.write(out / name, content)
-    files.write_json(out / "provenance.json", found.provenance)
     if isinstance(found.provenance["uncertainty"], str):
         console.note(f"uncertainty {found.provenance['uncertainty']}")
     verdict = found.provenance["verdict"]
     if verdict not in (artefact.MET, artefact.UNJUDGED):
         console.note(f"verdict on these gains: {verdict}")
-    written = sorted([*contents, "provenance.json"])
-    console.say(f"{len(written)} files written to {out}: {', '.join(written)}")
+    console.say(f"{len(contents)} files written to {out}: {', '.join(sorted(contents))}")
     return 0

@@ -119,10 +119,11 @@ LOG = Command(
     (),
 )
 EXPORT = Command(
-    "the step of a tuned sampled controller as C, NumPy, ROS 2 or StableHLO",
+    "the step of a tuned sampled controller as C, NumPy, ROS 2, StableHLO or FMU",
     (
         option("gains", metavar="GAINS.toml", help="as `agvjax tune` writes it, config.toml beside it"),
         option("--format", choices=FORMATS, required=True),
+        option("--what", choices=("controller", "plant"), default="controller", help="with fmu also the vehicle"),
         option("--name", help="of files, functions and package (default: one for each format)"),
     ),
 )

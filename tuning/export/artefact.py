@@ -41,6 +41,8 @@ class Artefact(NamedTuple):
     controller: agvjax.Sampled  # in float64
     provenance: Json  # plain, for JSON
     route: Route | None = None  # that the configuration has, of a law that follows one
+    config: Config | None = None  # that says what the vehicle is
+    note: Callable[[str], None] = print  # who is told what came out otherwise than one may think
 
 
 def read(
@@ -75,7 +77,8 @@ def read(
     stated = configuration.dump(config) if known else content
     verdict = {"verdict": _verdict(path.with_name("worst.json"), controller)}
     provenance = finite(_provenance(config, controller, path.name, stated, known) | verdict)
-    return Artefact(controller, provenance, _route(config, controller))
+    said = {} if note is None else {"note": note}
+    return Artefact(controller, provenance, _route(config, controller), config if known else None, **said)
 
 
 def _exportable(law: agvjax.Law) -> Sampled:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +13,16 @@ from agvjax.engine.loop import farthest
 
 from . import c_language, c_route, guard, names, program
 from .artefact import Artefact, filled, plain
-from .c_language import double
-from .expressions import FUNCTIONS, lines, text
+from .c_language import EMPTY, assigned, commented, computed, double, struct
+from .expressions import FUNCTIONS, text
 from .operations import flat
 from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
-GROUPS = ("gains", "state", "measurement", "reference", "route")
-EMPTY = "unused"  # C99 has no structure without members
+GROUPS = ("state", "measurement", "reference")  # of a row of the self-test; a route is none of them
+TARGETS = (("state", "state"), ("inputs", "output"), ("limited", "output"))  # which structure has which results
 OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
 FLAGS = (
     "    int limited; /* whether the law kept something back */",
@@ -39,24 +37,45 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         agvjax.InputError: the name is none of a C library.
         ValueError: the law or the vehicle names a number as C cannot.
     """
+    step = program.step(artefact.controller)
+    texts, parts = _library(artefact, step, name)
+    header, rows = table(artefact, step)
+    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    parts |= {
+        "TITLE": title(artefact),
+        "PERIOD": f"{float(artefact.controller.period):g}",
+        "ROWS": str(len(rows)),
+        "FIRST": inputs[0],
+        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+    }
+    texts |= {file: filled(TEMPLATES / f"{file}.txt", parts) for file in ("main.c", "Makefile", "README.md")}
+    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
+    return texts | {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
+
+
+def library(artefact: Artefact, step: Program, name: str) -> dict[str, str]:
+    """Header and source of a `step`, and the route where there is one: what a program links; raises as `files` does."""
+    return _library(artefact, step, name)[0]
+
+
+def title(artefact: Artefact) -> str:
+    """What it is, in a line."""
+    facts, period = artefact.provenance, float(artefact.controller.period)
+    return plain(f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time.")
+
+
+def _library(artefact: Artefact, step: Program, name: str) -> tuple[dict[str, str], dict[str, str]]:
+    """These files, and what templates say of them."""
     if wrong := names.faults(name):
         raise InputError(wrong)
-    step, start = program.step(artefact.controller), program.start(artefact.controller)
     _check(step)
-    header, rows = table(artefact, step)
-    period, facts = float(artefact.controller.period), artefact.provenance
-    inputs = [f"{field.member}{place}" for field in step.results["inputs"] for place, _ in field.elements]
+    start, facts = program.start(artefact.controller), artefact.provenance
     gains = [f"    {_initial(facts['gains'][f.name]['value'], name)}, /* {f.name} */" for f in step.arguments["gains"]]
     parts = {
         "NAME": name,
         "UPPER": name.upper(),
         **c_route.parts(artefact.route, step.given, name),
-        "TITLE": plain(f"{facts['law'][1]} for a {facts['vehicle']}, one period of {period:g} s at a time."),
-        "PERIOD": f"{period:g}",
-        "EXACT_PERIOD": double(period),
-        "ROWS": str(len(rows)),
-        "FIRST": inputs[0],
-        "COMPARED": "\n".join(f"        got[i++] = (double)output.{place};" for place in inputs),
+        "EXACT_PERIOD": double(float(artefact.controller.period)),
         "STATUS": _status(name),
         "STRUCTS": _structs(artefact, step, name),
         "FUNCTIONS": ", ".join(sorted(_functions(step, start))),
@@ -64,14 +83,10 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str]:
         "HASH": facts["configuration_sha256"],
         "START": _body(start, name),
         "STEP": _body(step, name),
-        "PROVENANCE": _commented(json.dumps(facts, indent=2)),
+        "PROVENANCE": commented(json.dumps(facts, indent=2)),
     }
-    texts = {"controller.h": f"{name}.h", "controller.c": f"{name}.c"}
-    texts |= {file: file for file in ("main.c", "Makefile", "README.md")}
-    texts = {path: filled(TEMPLATES / f"{file}.txt", parts) for file, path in texts.items()}
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows.tolist())]
-    texts |= {"vectors.h": _vectors(step, rows), "vectors.csv": "\n".join(lines) + "\n"}
-    return texts | c_route.files(artefact, name)
+    texts = {f"{name}.{end}": filled(TEMPLATES / f"controller.{end}.txt", parts) for end in ("h", "c")}
+    return texts | c_route.files(artefact, name), parts
 
 
 def _check(step: Program) -> None:
@@ -93,27 +108,6 @@ def _status(name: str) -> str:
     return "\n".join([*lines, f"#define {name.upper()}_FAR {farthest('float32'):.1f}f /* m */"])
 
 
-def _commented(text: str) -> str:
-    """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
-    return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
-
-
-def note(text: str) -> str:
-    """A text of anybody as the inside of a comment in one line."""
-    return _commented(plain(text))
-
-
-def _struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
-    real = f"{name.rpartition('_')[0]}_real"
-    lines = []
-    for field in fields:
-        shape = "".join(f"[{n}]" for n in field.shape)
-        about = note(notes.get(field.name, ""))
-        lines.append(f"    {real} {field.member}{shape};" + (f" /* {about} */" if about else ""))
-    lines += [*more] or ([] if lines else [f"    {real} {EMPTY};"])
-    return "typedef struct {\n" + "\n".join(lines) + f"\n}} {name};"
-
-
 UNITS = {"position": "m, of the reference point", "velocity": "m/s, of the reference point", "heading": "rad"}
 UNITS |= {"yaw_rate": "rad/s", "acceleration": "m/s^2", "heading_rate": "rad/s", "steering_angle": "rad"}
 
@@ -122,11 +116,11 @@ def _structs(artefact: Artefact, step: Program, name: str) -> str:
     facts = artefact.provenance["gains"]
     gains = {gain: ", ".join(filter(None, (fact["unit"], fact["rule"]))) for gain, fact in facts.items()}
     structs = [
-        _struct(f"{name}_gains", step.arguments["gains"], gains),
-        _struct(f"{name}_state", step.arguments["state"], {}),
-        _struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
+        struct(f"{name}_gains", step.arguments["gains"], gains),
+        struct(f"{name}_state", step.arguments["state"], {}),
+        struct(f"{name}_measurement", step.arguments["measurement"], UNITS),
         _given(step, name),
-        _struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
+        struct(f"{name}_output", step.results["inputs"], {}, FLAGS),
     ]
     return "\n\n".join(structs)
 
@@ -135,7 +129,7 @@ def _given(step: Program, name: str) -> str:
     """The structure of what is asked for."""
     if step.given == "route":
         return c_route.struct(name)
-    return _struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"})
+    return struct(f"{name}_reference", step.arguments["reference"], UNITS | {"position": "m", "velocity": "m/s"})
 
 
 def _initial(value: PyTree, name: str) -> str:
@@ -146,33 +140,19 @@ def _initial(value: PyTree, name: str) -> str:
 
 
 def _body(program: Program, name: str) -> str:
-    language, real, read = c_language.language(name), f"{name}_real", program.read
-    declared, idle = [], []
-    for group in GROUPS:
-        fields = program.arguments.get(group, ())
-        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
-        cast = f"({real})" if group == "route" else ""  # whole numbers among it
-        declared += [f"const {real} {v} = {cast}{group}->{member};" for member, v in used]
-        idle += [] if used or group not in program.arguments else [f"(void){group};"]
-    declared += lines(program.operations, language)
-    targets = {"state": "state", "inputs": "output", "empty": "state", "limited": "output"}
-    empty = {} if program.results["state"] else {"empty": (Field(EMPTY, (), (0.0,)),)}
-    results = [
-        f"{target}->{field.member}{place} = {text(value, language)};"
-        for group, target in targets.items()
-        for field in (program.results | empty).get(group, ())
-        for place, value in field.elements
-    ]
+    results = [line for group, target in TARGETS for line in assigned(target, program.results.get(group, ()), name)]
+    if not program.results["state"]:
+        results += assigned("state", [Field(EMPTY, (), (0.0,))], name)
     if status := program.results.get("status"):
-        not_finite, started = (text(field.variables[0], language) for field in status)
+        not_finite, started = (text(field.variables[0], c_language.language(name)) for field in status)
         words = [f"{name.upper()}_{word}" for word in guard.STATUS]
         results.append(f"output->status = {not_finite} ? {words[1]} : {started} ? {words[2]} : {words[0]};")
-    return "\n".join(f"    {line}" for line in (*declared, *idle, *results))
+    return "\n".join(f"    {line}" for line in (*computed(program, name), *results))
 
 
 def _vectors(step: Program, rows: np.ndarray) -> str:
     """`vectors.h`: the rows of the self-test, with their number and the sizes of their parts."""
-    groups = {group: step.arguments.get(group, ()) for group in GROUPS[1:4]}  # a route is none of the rows
+    groups = {group: step.arguments.get(group, ()) for group in GROUPS}
     counts = {group.upper(): sum(len(f.variables) for f in fields) for group, fields in groups.items()}
     counts["RESULTS"] = counts["STATE"] + sum(len(f.variables) for f in step.results["inputs"])
     lines = ["    {" + ", ".join(map(double, row)) + "}," for row in rows.tolist()]

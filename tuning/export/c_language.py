@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from . import tables
-from .expressions import Language
+from .artefact import plain
+from .expressions import Language, lines, text
 from .operations import Choice, Least
+from .program import Field, Program
+
+EMPTY = "unused"  # member of a structure that has no other
 
 
 def double(x: float) -> str:
@@ -55,3 +62,47 @@ def language(name: str) -> Language:
 
 def _indented(block: list[str]) -> list[str]:
     return [f"    {line}" for line in block]
+
+
+def commented(text: str) -> str:
+    """As the inside of a comment: nothing in it begins or ends one, or is a trigraph."""
+    return re.sub(r"\?(?=\?)", "? ", text.replace("/*", "/ *").replace("*/", "* /"))
+
+
+def note(text: str) -> str:
+    """A text of anybody as the inside of a comment in one line."""
+    return commented(plain(text))
+
+
+def struct(name: str, fields: Iterable[Field], notes: dict[str, str], more: Sequence[str] = ()) -> str:
+    """A structure NAME_WORD of numbers, with a note beside those that have one; `more` lines after them.
+
+    Without any it has one member: C99 has no structure without members.
+    """
+    real, members = f"{name.rpartition('_')[0]}_real", []
+    for field in fields:
+        shape = "".join(f"[{n}]" for n in field.shape)
+        about = note(notes.get(field.name, ""))
+        members.append(f"    {real} {field.member}{shape};" + (f" /* {about} */" if about else ""))
+    members += [*more] or ([] if members else [f"    {real} {EMPTY};"])
+    return "typedef struct {\n" + "\n".join(members) + f"\n}} {name};"
+
+
+def computed(program: Program, name: str) -> list[str]:
+    """What a function reads of its arguments, called as the program's groups, and all that it makes of that."""
+    real, read, declared, idle = f"{name}_real", program.read, [], []
+    for group, fields in program.arguments.items():
+        used = [(f"{f.member}{place}", v) for f in fields for place, v in f.elements if v in read]
+        cast = f"({real})" if group == "route" else ""  # whole numbers among it
+        declared += [f"const {real} {v} = {cast}{group}->{member};" for member, v in used]
+        idle += [] if used else [f"(void){group};"]
+    return [*declared, *lines(program.operations, language(name)), *idle]
+
+
+def assigned(target: str, fields: Iterable[Field], name: str) -> list[str]:
+    """Results handed over in the structure that `target` points to."""
+    return [
+        f"{target}->{field.member}{place} = {text(value, language(name))};"
+        for field in fields
+        for place, value in field.elements
+    ]

@@ -119,6 +119,7 @@ SPECIAL: dict[str, Callable[[list[str], Json, Language], str]] = {
     "min": lambda x, p, o: o.choose(f"{x[0]} <= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),
     "clamp": lambda x, p, o: o.choose(f"{x[1]} < {x[0]}", x[0], f"({o.choose(f'{x[1]} > {x[2]}', x[2], x[1])})"),
     "convert_element_type": lambda x, p, o: o.choose(x[0], o.number(1.0), o.number(0.0)),
+    "agvjax_uniform": lambda x, p, o: f"{o.call('uniform')}({x[0]}, {x[1]})",  # a function of the exported code
     "round": _round,
     "sign": _sign,
 }

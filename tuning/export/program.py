@@ -83,7 +83,7 @@ def step(controller: Sampled) -> Program:
     def function(law: Sampled, state: PyTree, measurement: Measurement, given: PyTree) -> Json:
         return guard.step(law, state, measurement, _asked(controller, given))
 
-    return _program(function, arguments)
+    return program_of(function, arguments)
 
 
 def start(controller: Sampled) -> Program:
@@ -94,7 +94,7 @@ def start(controller: Sampled) -> Program:
     def function(law: Sampled, measurement: Measurement, given: PyTree) -> Json:
         return {"state": guard.start(law, measurement, _asked(controller, given))}
 
-    return _program(function, arguments)
+    return program_of(function, arguments)
 
 
 def _given(controller: Sampled) -> str:
@@ -105,7 +105,12 @@ def _asked(controller: Sampled, given: PyTree) -> Reference:
     return tables.asked(given) if controller.follows() else given
 
 
-def _program(function: Callable[..., PyTree], arguments: Json) -> Program:
+def program_of(function: Callable[..., PyTree], arguments: Json) -> Program:
+    """A function of trees of numbers, by the names of its arguments; its result is trees by the names of their groups.
+
+    Raises:
+        ValueError: it cannot be taken apart into numbers.
+    """
     trees = tuple(jax.tree.map(jnp.asarray, tree) for tree in arguments.values())
     numbers, _ = scalarise(function, *trees)
     closed = jax.make_jaxpr(numbers)(*(split_tree(tree) for tree in trees))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import calendar
+import datetime
+from importlib import metadata
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from ..io.files import Json
+from ..io.files import Json, as_json
 from . import guard, program, tables
 from .artefact import Artefact
 from .program import Field
@@ -16,10 +18,21 @@ from .program import Field
 NAME = "agv_controller"
 RESULTS = ("state", "inputs", "limited", "status")  # groups, in this order
 PLATFORMS = ("cpu", "cuda")
+MONTHS = 6  # for which JAX promises to read what it has written
+PROMISE = (
+    "a jaxlib built up to six months after the one that wrote a module reads it"
+    " (https://docs.jax.dev/en/latest/export/export.html#compatibility-guarantees). The date counts from the day of"
+    " writing, as if jaxlib had been built that day: the promise ends sooner by as much as it was older."
+    " The versions that wrote it go on reading it"
+)
 
 
 def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
-    """Serialised module, its text, and what its flat arguments and results are; in double precision."""
+    """Serialised module, its text, and what its flat arguments and results are; in double precision.
+
+    Its provenance says how long the module can be read.
+    """
+    artefact = artefact._replace(provenance=artefact.provenance | {"expires": expiry(datetime.date.today())})
     law, route = artefact.controller, artefact.route
 
     def flat(*leaves: PyTree) -> PyTree:  # XLA's module has its name
@@ -40,8 +53,19 @@ def files(artefact: Artefact, name: str = NAME) -> dict[str, str | bytes]:
     return {
         f"{name}.bin": bytes(exported.serialize()),
         f"{name}.mlir": exported.mlir_module(),
-        "signature.json": json.dumps(signature(artefact), indent=2) + "\n",
+        "signature.json": as_json(signature(artefact)),
+        "provenance.json": as_json(artefact.provenance),
     }
+
+
+def expiry(written: datetime.date) -> Json:
+    """When the promise of JAX ends for a module written that day with the JAX that runs."""
+    years, month = divmod(written.month - 1 + MONTHS, 12)
+    year = written.year + years
+    day = min(written.day, calendar.monthrange(year, month + 1)[1])
+    ends = datetime.date(year, month + 1, day)
+    versions = {"jax": jax.__version__, "jaxlib": metadata.version("jaxlib")}
+    return {"date": ends.isoformat(), "written": written.isoformat(), **versions, "promise": PROMISE}
 
 
 def signature(artefact: Artefact) -> Json:

@@ -102,7 +102,12 @@ def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
 
 def write_json(path: Path, data: object) -> None:
     """Write JSON; infinities and NaN become null."""
-    write(path, json.dumps(finite(data), indent=2) + "\n")
+    write(path, as_json(data))
+
+
+def as_json(data: object) -> str:
+    """The text of a JSON file; infinities and NaN become null."""
+    return json.dumps(finite(data), indent=2) + "\n"
 
 
 def finite(data: Any) -> Any:

@@ -3,6 +3,7 @@
 import ast
 import ctypes
 import dataclasses
+import datetime
 import functools
 import hashlib
 import json
@@ -551,6 +552,20 @@ def test_stablehlo_comes_back_and_agrees(limited):
 # ---- what every artefact carries, and what cannot be exported
 
 
+def test_a_module_says_until_when_jax_promises_to_read_it(tmp_path):
+    """Six months by the calendar, and no day that there is not."""
+    for day, ends in (("2026-11-30", "2027-05-30"), ("2026-08-31", "2027-02-28"), ("2027-01-15", "2027-07-15")):
+        told = stablehlo.expiry(datetime.date.fromisoformat(day))
+        assert told["date"] == ends and told["written"] == day and told["jax"] == jax.__version__
+    before, out = datetime.date.today(), tmp_path / "out"
+    assert main(["export", str(written(tmp_path, LIMITED)), "--format", "stablehlo", "--out", str(out), "--quiet"]) == 0
+    told = json.loads((out / "provenance.json").read_text())["expires"]
+    assert told == json.loads((out / "signature.json").read_text())["provenance"]["expires"]
+    assert "six months" in told["promise"] and before <= datetime.date.fromisoformat(told["written"])
+    months = [int(told[key][:4]) * 12 + int(told[key][5:7]) for key in ("written", "date")]
+    assert months[1] - months[0] == 6
+
+
 @pytest.mark.parametrize(
     ("form", "carrying"),
     [("c", "agv_controller.h"), ("numpy", "agv_controller.py"), ("ros2", "README.md"), ("stablehlo", "signature.json")],
@@ -645,7 +660,7 @@ def written(folder, controller):
     return folder / "gains.toml"
 
 
-@pytest.mark.parametrize("form", ["c", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("form", ["c", "fmu", "numpy", "ros2", "stablehlo"])
 def test_every_form_says_all_it_writes(form, tmp_path, capsys):
     command = ["export", str(written(tmp_path, LIMITED)), "--format", form, "--out", str(tmp_path / "out")]
     assert main(command) == 0
@@ -659,7 +674,7 @@ NAMES += " rclpy numpy setuptools json types print list match class int new temp
 NAMES += " nav2_core pluginlib main vectors config resource self__x up/down @STEP@ /* Über x"
 
 
-@pytest.mark.parametrize("form", ["c", "nav2", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("form", ["c", "fmu", "nav2", "numpy", "ros2", "stablehlo"])
 @pytest.mark.parametrize("name", [*NAMES.split(), "a" * 64, "a" * 300, "", "9lives", "_x", "two words", "a\nb"])
 def test_a_name_that_shadows_or_is_none_is_refused_before_anything_is_written(form, name, tmp_path, capsys):
     out = tmp_path / "out"

@@ -398,7 +398,7 @@ def test_stablehlo_takes_the_route_as_arguments(exported):
     )
 
 
-@pytest.mark.parametrize("form", ["c", "nav2", "numpy", "ros2", "stablehlo"])
+@pytest.mark.parametrize("form", ["c", "fmu", "nav2", "numpy", "ros2", "stablehlo"])
 def test_gains_without_their_route_are_refused_and_say_what_lacks(form, tmp_path, capsys):
     write_config(tmp_path, LAWS["path_pid"])
     (tmp_path / "config.toml").unlink()
