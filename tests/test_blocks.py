@@ -135,7 +135,7 @@ def called(call):
         shutil.rmtree(out, ignore_errors=True) if os.path.isdir(out) else os.path.exists(out) and os.remove(out)
     elif words[0] == "new":
         os.remove("robot.toml")
-    elif words[0] != "explain":
+    elif words[0] not in ("explain", "--version"):
         words += ["--out", f"runs/{words[0]}-{len(os.listdir('runs'))}"]
     process = start(words)
     _, err = process.communicate(timeout=HUNG)

@@ -109,10 +109,13 @@ ONE_START = ("--set", "identify.starts=1", *NO_DRIVES)
 UNICYCLE = ("--set", "scenario.plant=unicycle")
 
 
-def identified(out, *arguments):
-    """What a log tells, through the command."""
+def identified(out, *arguments, refused=None):
+    """What a log tells, through the command; those that it calls no good are listed in `refused`, if given."""
     done = shell("identify", "--out", out, *arguments)
-    assert done.returncode == 0, done.stderr
+    if refused is not None and done.returncode == 1 and "These numbers are not good" in (out / "report.md").read_text():
+        refused.append(str(out))
+    else:
+        assert done.returncode == 0, done.stderr
     return json.loads((out / "estimates.json").read_text())
 
 
@@ -184,11 +187,14 @@ def test_the_ensemble_is_the_posterior(found):
 
 @pytest.mark.slow
 def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
-    """Every threshold within 3 %, every slope within 2 %, each in its interval in at least 9 of 10 drives."""
-    missed, count, off = [], 0, []
+    """Every threshold within 3 %, every slope within 2 %, each in its interval in at least 9 of 10 drives.
+
+    The model is the right one: at most one of the ten drives may be called no good.
+    """
+    missed, count, off, refused = [], 0, [], []
     for seed in range(10):
         file, more = written(tmp_path / "log.csv", drive(seed)), ("--set", "identify.starts=2", *NO_DRIVES)
-        told = identified(tmp_path / f"out{seed}", file, *UNICYCLE, *more)["parameters"]
+        told = identified(tmp_path / f"out{seed}", file, *UNICYCLE, *more, refused=refused)["parameters"]
         off += assert_deadzones_are_those_of(truth(seed), told).items()
         count += sum(e["identified"] for e in told.values())
         missed += outside(truth(seed), told)
@@ -198,6 +204,7 @@ def test_intervals_of_ten_drives_hold_the_truth(tmp_path):
     deadzones = [missed.count(name) for name in missed if name.startswith("deadzone.")]
     assert max(deadzones, default=0) <= 1, missed
     assert len(missed) <= 0.08 * count, missed
+    assert len(refused) <= 1, refused
 
 
 @pytest.mark.slow
@@ -234,7 +241,8 @@ def test_gains_tuned_for_what_a_log_says_do_as_well_as_those_tuned_on_the_true_v
     (tmp_path / "base.toml").write_text(configuration.dump(base))
     (tmp_path / "true.toml").write_text(configuration.dump(known))
     log, found = written(tmp_path / "log.csv", drive(seed)), str(tmp_path / "found")
-    assert shell("identify", log, "--config", tmp_path / "base.toml", "--out", found).returncode == 0
+    told = shell("identify", log, "--config", tmp_path / "base.toml", "--out", found)
+    assert told.returncode in (0, 1), told.stderr  # 1: right numbers that are called no good, as of one drive in ten
     judges, errors = sample(known.scenario, base.ensemble.draws, 64, 99), {}
     for name, file in (("identified", f"{found}/scenario.toml"), ("true", str(tmp_path / "true.toml"))):
         done = shell("tune", "--config", file, "--out", tmp_path / name)
