@@ -159,7 +159,7 @@ def test_a_thousand_hostile_texts_change_no_code_of_any_form(form, texts, facts,
 
 @needs_gcc
 def test_a_comment_of_c_ends_where_it_should_for_each_of_a_thousand_texts(tmp_path):
-    notes = [c.note(text) for text in TEXTS]
+    notes = [c_language.note(text) for text in TEXTS]
     found = stripped(tmp_path, "\n".join(f"int a{i}; /* {note} */ int b{i};" for i, note in enumerate(notes)))
     assert found.split("\n")[:-1] == [f"int a{i}; int b{i};" for i in range(len(TEXTS))]
 
