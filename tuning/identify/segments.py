@@ -93,9 +93,7 @@ def thinned(segments: Segments, most: int) -> Segments:
 
 
 # long: one pass over the log
-def _cut(
-    log: Log, length: float, memory: float, gap: float, ahead: float, run_up: float
-) -> tuple[Segments, Counts]:
+def _cut(log: Log, length: float, memory: float, gap: float, ahead: float, run_up: float) -> tuple[Segments, Counts]:
     """The stretches of one log."""
     values = np.column_stack([*log.measured.values()])
     known, spikes = np.isfinite(values), leaps(log)
