@@ -98,8 +98,8 @@ class Model(NamedTuple):
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """What would have been measured at the rows of one stretch that begins in state s.
 
-        Motors are no part of that where commands before the stretch are known: they run from these, at first as fast
-        as they are sent. Were they free, a slow motor would explain whatever the model lacks in speed and in turning,
+        Motors are no part of that, but where the log begins: they run from the commands before the stretch, at first as
+        fast as they are sent. Were they free, a slow motor would explain whatever the model lacks in speed and turning
         in every stretch anew, and the fit would find one, however fast the true one is.
         """
         scenario, late = prompt(self.at(p))
@@ -140,7 +140,8 @@ class Model(NamedTuple):
         if self.driven:
             sent = {n: part.deliver(flows[n], memories[n], first[n])[0] for n, part in parts.items()}
             steady = jnp.stack([sent[name] for name in plant.actuators])
-            state = dataclasses.replace(state, reached=jnp.where(stretch.live[0] > 0, state.reached, steady))
+            alone = (stretch.live[0] > 0) | (stretch.rows[0] == 0)  # nothing is known of what was sent before
+            state = dataclasses.replace(state, reached=jnp.where(alone, state.reached, steady))
         return jax.lax.scan(row, (state, flows, memories), rows)[1]
 
     def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
@@ -204,7 +205,8 @@ def arrivals(
         came = t[:, None] + begins - late.get(name, 0.0) + INSTANT / 2
         at = jnp.searchsorted(t, came.ravel(), side="right").reshape(came.shape) - 1
         before = at.reshape(at.shape + (1,) * (held.ndim - 1)) < 0
-        inputs[name] = jnp.where(before, 0.0, held[jnp.maximum(at, 0)])  # nothing is known of what was sent before
+        sent = jnp.where(stretch.rows[0] > 0, held[0], 0.0)  # before what is known: the same; before a log nothing
+        inputs[name] = jnp.where(before, sent, held[jnp.maximum(at, 0)])
     return begins, lengths, inputs
 
 
