@@ -96,12 +96,7 @@ class Model(NamedTuple):
         return {name: u[places[0]] if len(places) == 1 else u[jnp.array(places)] for name, places in columns.items()}
 
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
-        """What would have been measured at the rows of one stretch that begins in state s.
-
-        Motors are no part of that, but where the log begins: they run from the commands before the stretch, at first as
-        fast as they are sent. Were they free, a slow motor would explain whatever the model lacks in speed and turning
-        in every stretch anew, and the fit would find one, however fast the true one is.
-        """
+        """What would have been measured at the rows of one stretch that begins in state s."""
         scenario, late = prompt(self.at(p))
         plant = scenario.plant
         zero = jnp.zeros((), s.dtype)
@@ -136,13 +131,22 @@ class Model(NamedTuple):
             return carry, seen[0]
 
         rows: Any = (stretch.t, begins, lengths, inputs, stretch.live)
-        state = unflatten(s)
-        if self.driven:
-            sent = {n: part.deliver(flows[n], memories[n], first[n])[0] for n, part in parts.items()}
-            steady = jnp.stack([sent[name] for name in plant.actuators])
-            alone = (stretch.live[0] > 0) | (stretch.rows[0] == 0)  # nothing is known of what was sent before
-            state = dataclasses.replace(state, reached=jnp.where(alone, state.reached, steady))
+        sent = {n: part.deliver(flows[n], memories[n], first[n])[0] for n, part in parts.items()}
+        state = self._begun(unflatten(s), sent, stretch)
         return jax.lax.scan(row, (state, flows, memories), rows)[1]
+
+    def _begun(self, state: PyTree, sent: Inputs, stretch: Segments) -> PyTree:
+        """The state with its motors as fast as they are sent, unless nothing is known of what they were sent before.
+
+        From there they run from the commands before the stretch. Were they free, a slow motor would explain whatever
+        the model lacks in speed and turning in every stretch anew, and the fit would find one, however fast the true
+        one is. Where a log begins they are free.
+        """
+        if not self.driven:
+            return state
+        steady = jnp.stack([sent[name] for name in self.scenario.plant.actuators])
+        alone = (stretch.live[0] > 0) | (stretch.rows[0] == 0)
+        return dataclasses.replace(state, reached=jnp.where(alone, state.reached, steady))
 
     def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """Measured less predicted, headings by the shorter way round."""

@@ -66,6 +66,9 @@ def test_a_stretch_begins_with_its_motors_as_the_commands_before_it_made_them():
         seen = predict()(jnp.array([0.1, 0.1]), np.r_[states[40, :3], guess], late)
         np.testing.assert_allclose(seen[:41], np.tile(states[40, :3], (41, 1)), atol=1e-9)
         np.testing.assert_allclose(seen[40:], states[40:, :3], atol=2e-4)
+    begun = late._replace(rows=np.arange(60), live=np.repeat([0.0, 1.0], [5, 55]))  # 0.1 s after the log begins
+    still, fast = (predict()(jnp.array([0.1, 0.1]), np.r_[STILL[:3], guess, guess], begun) for guess in (0.0, 0.5))
+    assert np.linalg.norm(fast[-1, :2] - still[-1, :2]) > 0.01
 
 
 def test_the_slope_in_a_delay_is_that_of_small_differences_also_where_steps_begin():
