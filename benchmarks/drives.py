@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -49,7 +50,7 @@ def told(found: dict[str, Any]) -> dict[str, Any]:
     rms = {"identified": unseen["rms"], **{name: unseen["plain"].get(name) for name in (AT_ONCE, LAGGING)}}
     count = sum(one["identified"] for one in found["parameters"].values())
     return {
-        "verdict": found["conclusion"].split(":")[0],
+        "verdict": re.split("[:;]", found["conclusion"])[0],
         "parameters": f"{count} of {len(found['parameters'])}",
         **{f"{name}, 5 s ahead [mm]": "" if value is None else round(1e3 * value, 1) for name, value in rms.items()},
     }

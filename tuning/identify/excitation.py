@@ -110,7 +110,8 @@ class Designer:
 
     def expected(self, log: Log) -> np.ndarray:
         """Half of the 95 % interval of each parameter (P,) after a drive."""
-        segments = weighed(cut([log], self.length, self.memory, np.inf)[0], self.sigma)
+        run_up = self.model.run_up(self.memory)
+        segments = weighed(cut([log], self.length, self.memory, np.inf, before=run_up)[0], self.sigma)
         states = first_states(self.model, [log], segments)
         sums = Search(compiled(self.model), segments, self.parameters, states).sums(self.p)
         return Z95 * np.sqrt(np.diag(inverse(information(sums, self.parameters))))

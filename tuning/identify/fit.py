@@ -159,7 +159,7 @@ def fit(task: Task, starts: int, outlier: float, seed: int, tick: Callable[[str]
     search = search.over(weighed(segments, sigma), first_states(model, task.logs, segments))
     p, _ = search.run(p, free, TRIALS)
     for k in range(ROUNDS):
-        search = _judged(search, p, outlier)
+        search = _judged(search, p, model.begun, outlier)
         if k == 0 and wavy.any() and task.one_clock:
             p, free = _sinusoid(search, p, wavy, names)
         p, _ = search.run(p, free, LAST)
@@ -197,7 +197,7 @@ def refitted(before: Fit, p: np.ndarray, free: np.ndarray, absent: Mapping[str, 
     search = Search(function, before.segments, before.parameters, states, before.evaluations)
     p, _ = search.run(p, free, LAST)
     sums = search.sums(p)
-    sigma = _spread(sums, before.segments.weight > 0, int(free.sum()))
+    sigma = _spread(sums, before.segments.weight > 0, before.model.begun, int(free.sum()))
     final = search.over(weighed(before.segments, sigma), sums.states)
     after = before._replace(p=p, free=free, sums=final.sums(p), segments=final.segments, sigma=sigma)
     return after._replace(evaluations=final.evaluations, absent={**before.absent, **absent})
@@ -221,20 +221,20 @@ def _starts(parameters: Sequence[Parameter], wavy: np.ndarray, count: int, seed:
     return [p, *(np.array(list(map(moved, parameters, p, share))) for share in shares)]
 
 
-def _spread(sums: Sums, kept: np.ndarray, free: int) -> np.ndarray:
+def _spread(sums: Sums, kept: np.ndarray, begun: int, free: int) -> np.ndarray:
     """Standard deviation of each channel (C,), unbiased: what states and free parameters took up is not counted."""
-    share = 1 - (sums.states.size + free) / max(kept.sum(), 1)
+    share = 1 - (len(sums.states) * begun + free) / max(kept.sum(), 1)
     counted = np.maximum(kept.sum(axis=(0, 1)) * share, 1)
     return np.maximum(np.sqrt((sums.residual**2 * kept).sum(axis=(0, 1)) / counted), 1e-9)
 
 
-def _judged(search: Search, p: np.ndarray, outlier: float) -> Search:
+def _judged(search: Search, p: np.ndarray, begun: int, outlier: float) -> Search:
     """The problem with what lies further off than `outlier` standard deviations left out, channels weighed anew."""
     sums, kept = search.sums(p), search.segments.weight > 0
     middle = np.array([_usual(np.abs(sums.residual[..., c][kept[..., c]])) for c in range(kept.shape[-1])])
     usual = np.maximum(outlier * np.maximum(1.4826 * middle, 1e-9), SMALL * _travel(search.segments))
     kept = kept & (np.abs(sums.residual) <= usual)
-    sigma = _spread(sums, kept, len(p))
+    sigma = _spread(sums, kept, begun, len(p))
     return search.over(search.segments._replace(weight=kept / sigma**2), sums.states)
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 import agvjax
 from agvjax.engine import loop
 from agvjax.geometry import into_body, wrap
+from agvjax.plants.base import BaseState, Driven
 from agvjax.protocols import Inputs, Plant
 
 from .log import columns_of
@@ -27,6 +28,7 @@ CHUNK = 16  # stretches computed together
 SHARES = (1.0, 0.25, 0.0625)  # of a step of a stretch's state, the longest first
 DAMPED = 0.1  # what a yaw rate must move by with the state to tell it: at a standstill a steering angle tells none
 INSTANT = 1e-7  # s, no time at all
+RUN_UP = 4.0  # memories, for which motors have run when a stretch begins
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
@@ -48,6 +50,20 @@ class Model(NamedTuple):
     channels: tuple[str, ...]
     commands: tuple[str, ...]
     substeps: int
+
+    @property
+    def driven(self) -> bool:
+        """Whether it is driven by motors of its own, whose speed follows from the commands alone."""
+        return isinstance(self.scenario.plant, Driven)
+
+    @property
+    def begun(self) -> int:
+        """How many numbers of the state that a stretch begins in are free: of the driven only the pose."""
+        return 3 if self.driven else self.start(jnp.zeros(6)).size
+
+    def run_up(self, memory: float) -> float:
+        """How long [s] before a stretch commands are wanted, where actuators remember them for `memory` [s]."""
+        return RUN_UP * memory if self.driven else memory
 
     def at(self, p: Float[Array, " P"]) -> agvjax.Scenario:
         """The scenario with these parameters."""
@@ -103,7 +119,7 @@ class Model(NamedTuple):
                     answers = {n: part.deliver(flow[n], memory[n], u[n]) for n, part in parts.items()}
                     delivered = {n: answer[0] for n, answer in answers.items()}
                     moved = plant.derivative(state, (), delivered, scenario.disturbance(time))
-                    moved = jax.tree.map(lambda dx: live * dx, moved)
+                    moved = _moving(moved, live)
                     return (moved, {n: answer[1] for n, answer in answers.items()}), delivered
 
                 memory = {n: part.jump(flow[n], memory[n], u[n], h) for n, part in parts.items()}
@@ -115,13 +131,34 @@ class Model(NamedTuple):
             return carry, seen[0]
 
         rows: Any = (stretch.t, begins, lengths, inputs, stretch.live)
-        return jax.lax.scan(row, (unflatten(s), flows, memories), rows)[1]
+        sent = {n: part.deliver(flows[n], memories[n], first[n])[0] for n, part in parts.items()}
+        state = self._begun(unflatten(s), sent, stretch)
+        return jax.lax.scan(row, (state, flows, memories), rows)[1]
+
+    def _begun(self, state: PyTree, sent: Inputs, stretch: Segments) -> PyTree:
+        """The state with its motors as fast as they are sent, unless nothing is known of what they were sent before.
+
+        From there they run from the commands before the stretch. Were they free, a slow motor would explain whatever
+        the model lacks in speed and turning in every stretch anew, and the fit would find one, however fast the true
+        one is. Where a log begins they are free.
+        """
+        if not self.driven:
+            return state
+        steady = jnp.stack([sent[name] for name in self.scenario.plant.actuators])
+        alone = (stretch.live[0] > 0) | (stretch.rows[0] == 0)
+        return dataclasses.replace(state, reached=jnp.where(alone, state.reached, steady))
 
     def residual(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """Measured less predicted, headings by the shorter way round."""
         off = stretch.seen - self.predict(p, s, stretch)
         turns = np.array([name == "heading" for name in self.channels])
         return jnp.where(jnp.asarray(turns)[None], wrap(jnp.asarray(off)), off)
+
+
+def _moving(rates: PyTree, live: Array) -> PyTree:
+    """Rates of a state, while only actuators move (0), among them motors, and then (1)."""
+    moved = jax.tree.map(lambda dx: live * dx, rates)
+    return dataclasses.replace(moved, reached=rates.reached) if isinstance(rates, BaseState) else moved
 
 
 def prompt(scenario: agvjax.Scenario) -> tuple[agvjax.Scenario, dict[str, Array]]:
@@ -172,7 +209,8 @@ def arrivals(
         came = t[:, None] + begins - late.get(name, 0.0) + INSTANT / 2
         at = jnp.searchsorted(t, came.ravel(), side="right").reshape(came.shape) - 1
         before = at.reshape(at.shape + (1,) * (held.ndim - 1)) < 0
-        inputs[name] = jnp.where(before, 0.0, held[jnp.maximum(at, 0)])  # nothing is known of what was sent before
+        sent = jnp.where(stretch.rows[0] > 0, held[0], 0.0)  # before what is known: the same; before a log nothing
+        inputs[name] = jnp.where(before, sent, held[jnp.maximum(at, 0)])
     return begins, lengths, inputs
 
 

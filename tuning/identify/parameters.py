@@ -147,21 +147,29 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
     if name.startswith("actuators.") and last in ("time", "time_constant"):
         late = last == "time"
         low, high = (0.0, memory) if late else (substep / 2, LONGEST * memory)
-        rule = f"longer than {high:g} s, identify.memory{'' if late else f' times {LONGEST:g}'}; a longer one moves it"
+        rule = _beyond(high, 1.0 if late else LONGEST)
         nominal = float(np.clip(value, low + 1e-4 * (high - low), high))  # that an assumed delay fits in, the rules say
         return Parameter(name, unit, nominal, low, high, 0.1, 0.5 * logs[0].step, "", rule)
     rule = rule_of(scenario, name)
     sign = rule is not None and rule.low >= 0
     size = abs(value) or 1.0
     above = sign and rule is not None and rule.text == "> 0"
+    shift = ": shift the pose to a point further ahead of the axle (identify.ahead, m)" if last == "L" else ""
+    least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
     low = value - 20 * size if not sign else 0.02 * size if above else 0.0
     if name in {f"plant.{lag}" for lags in LAGS.values() for lag in lags}:
         low = max(low, substep / 2)  # the shortest that a substep integrates
+        if value < (high := LONGEST * memory):  # of a longer one it is not known how fast motors were before a stretch
+            return Parameter(name, unit, value, low, high, size, 0.0, least, _beyond(high, LONGEST))
     high = min(value + 20 * size, np.inf if rule is None else rule.high)
-    shift = ": shift the pose to a point further ahead of the axle (identify.ahead, m)" if last == "L" else ""
-    least = f"it must be above 0{shift}; or {around}" if above else "" if sign else around
     floor = DRIFT if name == "plant.drift" else 0.0
     return Parameter(name, unit, value, low, high, size, floor, least, "" if rule and high == rule.high else around)
+
+
+def _beyond(longest: float, times: float) -> str:
+    """What it means that a time ends at the longest that can be looked for, so many memories."""
+    more = "" if times == 1 else f" times {times:g}"
+    return f"longer than {longest:g} s, identify.memory{more}; a longer one moves it"
 
 
 def values(parameters: Sequence[Parameter]) -> np.ndarray:

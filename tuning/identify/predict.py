@@ -40,12 +40,14 @@ def windows(log: Log, horizon: float, memory: float, gap: float) -> int:
     return len(_ahead(log, horizon, memory, gap)[0].t)
 
 
-def _ahead(log: Log, horizon: float, memory: float, gap: float) -> tuple[Segments, np.ndarray, np.ndarray]:
+def _ahead(
+    log: Log, horizon: float, memory: float, gap: float, before: float = 0.0
+) -> tuple[Segments, np.ndarray, np.ndarray]:
     """W windows, how long after its beginning each row is (W, K) [s], and whether it counts (W, K).
 
     A window counts where a position was measured in it that is no outlier.
     """
-    segments, _ = cut([log], SEEN, memory, gap, ahead=horizon)
+    segments, _ = cut([log], SEEN, memory, gap, horizon, before)
     live = (segments.live > 0) & (segments.rows >= 0)
     first = np.min(segments.t, axis=1, where=live, initial=np.inf)
     since = segments.t - first[:, None] - SEEN
@@ -79,7 +81,7 @@ def predict(
     residuals = jax.jit(jax.vmap(fit.model.residual, in_axes=(None, 0, 0)))
     predictions = []
     for log in logs:
-        segments, since, counted = _ahead(log, horizon, memory, gap)
+        segments, since, counted = _ahead(log, horizon, memory, gap, fit.model.run_up(memory))
         states, brief = first_states(fit.model, [log], segments), _brief(segments, fit, log.step)
         for _ in range(SETTLED):
             states = function(p, states, brief).states

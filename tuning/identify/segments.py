@@ -45,7 +45,9 @@ class Counts(NamedTuple):
     outliers: int  # measurements left out since they are far from what is around them or from what fits
 
 
-def cut(logs: Sequence[Log], length: float, memory: float, gap: float, ahead: float = 0.0) -> tuple[Segments, Counts]:
+def cut(
+    logs: Sequence[Log], length: float, memory: float, gap: float, ahead: float = 0.0, before: float = 0.0
+) -> tuple[Segments, Counts]:
     """Stretches of `length` s, each with the rows of `memory` s before it.
 
     Args:
@@ -54,8 +56,9 @@ def cut(logs: Sequence[Log], length: float, memory: float, gap: float, ahead: fl
         memory: how long actuators remember a command [s].
         gap: a step between rows this many times the usual one is a gap.
         ahead: s that follow each stretch without weight, to be predicted.
+        before: s before each stretch whose rows are taken, if longer than `memory`, as far as there are any.
     """
-    parts = [_cut(log, length, memory, gap, ahead) for log in logs]
+    parts = [_cut(log, length, memory, gap, ahead, max(memory, before)) for log in logs]
     widest = max(part.t.shape[1] for part, _ in parts)
     if not sum(len(part.t) for part, _ in parts):
         return parts[0]
@@ -90,7 +93,7 @@ def thinned(segments: Segments, most: int) -> Segments:
 
 
 # long: one pass over the log
-def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tuple[Segments, Counts]:
+def _cut(log: Log, length: float, memory: float, gap: float, ahead: float, run_up: float) -> tuple[Segments, Counts]:
     """The stretches of one log."""
     values = np.column_stack([*log.measured.values()])
     known, spikes = np.isfinite(values), leaps(log)
@@ -104,7 +107,7 @@ def _cut(log: Log, length: float, memory: float, gap: float, ahead: float) -> tu
         warm += min(start, end) - begin
         while start < end and log.t[end - 1] >= log.t[start] + length + ahead - 0.5 * log.step:
             now = log.t[start]
-            ahead_of = [now - memory, now + length - 1e-9, now + length + ahead - 1e-9]
+            ahead_of = [now - run_up, now + length - 1e-9, now + length + ahead - 1e-9]
             before, stop, last = (begin + np.searchsorted(t, ahead_of)).tolist()
             places.append((before, start, stop, last))
             start = stop

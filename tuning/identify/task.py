@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -52,7 +51,11 @@ def task(files: Sequence[str], config: Config, count: Count = uncounted) -> Task
     if settings.segment < BRIEF * max(log.step for log in read_logs):
         rule = f"at least {BRIEF} rows long, {BRIEF * max(log.step for log in read_logs):g} s"
         raise InputError([Fault("identify.segment", settings.segment, rule)])
-    segments, counts = cut(read_logs, settings.segment, settings.memory, settings.gap)
+    shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
+    model = model_of(config, tuple(first.measured), first.commands, shortest)
+    model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
+    pace = settings.memory, settings.gap, 0.0, model.run_up(settings.memory)
+    segments, counts = cut(read_logs, settings.segment, *pace)
     if counts.segments < LEAST_STRETCHES:
         long = sum(log.t[-1] - log.t[0] for log in read_logs)
         rule = (
@@ -61,16 +64,13 @@ def task(files: Sequence[str], config: Config, count: Count = uncounted) -> Task
             f" it has {counts.segments} in {long:.3g} s with {counts.gaps} gaps"
         )
         raise InputError([Fault("LOG.csv", first.name, rule)])
-    shortest, longest = (pick(log.step for log in read_logs) for pick in (min, max))
-    model = model_of(config, tuple(first.measured), first.commands, shortest)
-    model = model._replace(substeps=max(1, int(np.ceil(longest / STEP))))
     substep = longest / model.substeps
     parameters = wanted.parameters(model.scenario, model.names, read_logs, substep, settings.memory)
-    unknown = counts.segments * model.start(jnp.zeros(6)).size + len(parameters)
+    unknown = counts.segments * model.begun + len(parameters)
     if (measurements := int((segments.weight > 0).sum())) < 2 * unknown:
         rule = f"so long that there are twice as many measurements as unknowns; there are {measurements} for {unknown}"
         raise InputError([Fault("identify.segment", settings.segment, rule)])
-    brief = thinned(cut(read_logs, settings.segment / BRIEF, settings.memory, settings.gap)[0], SOME)
+    brief = thinned(cut(read_logs, settings.segment / BRIEF, *pace)[0], SOME)
     brief = widened(brief, segments.t.shape[1], first.step)  # so that both share a compilation
     return Task(read_logs, one_clock, segments, brief, counts, model, parameters, settings.columns, settings.memory)
 

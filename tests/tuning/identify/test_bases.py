@@ -6,11 +6,16 @@ import json
 import numpy as np
 import pytest
 
+import agvjax
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.load import resolve
 from tuning.identify.excitation import Room, candidate
-from tuning.identify.parameters import named, prepared
+from tuning.identify.fit import fit
+from tuning.identify.log import Log
+from tuning.identify.parameters import named, parameters, prepared
+from tuning.identify.rules import faults
+from tuning.identify.task import task
 
 STEP = 0.02
 
@@ -62,6 +67,35 @@ def steered(seed, rows=2000, late=3, wheelbase=0.33):
     return ("t", "x", "y", "heading", "speed", "speed_cmd", "steering_angle_cmd"), table
 
 
+def slipping(seed, rows=3000, late=4, track=0.258, lag=0.15):
+    """A small base by hand that is sent a few speeds: each wheel grips otherwise (by 30 %) every 2 to 6 s."""
+    rng, i = np.random.default_rng(seed), 0
+    twist, grip = np.empty((2, rows, 2))
+    while i < rows:
+        n = int(rng.integers(30, 150))
+        twist[i : i + n] = rng.choice([0.0, 0.07, 0.086]), rng.uniform(-0.5, 0.5) * rng.choice([0.2, 1.0])
+        i += n
+    i = 0
+    while i < rows:
+        n = int(rng.integers(100, 300))
+        grip[i : i + n] = 1 + 0.3 * rng.normal(size=2)
+        i += n
+    x = y = psi = left = right = 0.0
+    table = np.empty((rows, 6))
+    for i in range(rows):
+        table[i] = (i * STEP, x, y, psi, *twist[i])
+        v, w = twist[max(i - late, 0)]
+        for _ in range(10):
+            h, (rolled_left, rolled_right) = STEP / 10, grip[i] * (left, right)
+            speed = (rolled_left + rolled_right) / 2
+            x, y = x + speed * np.cos(psi) * h, y + speed * np.sin(psi) * h
+            psi += (rolled_right - rolled_left) / track * h
+            left += (v - w * track / 2 - left) / lag * h
+            right += (v + w * track / 2 - right) / lag * h
+    table[:, 1:4] += rng.normal(size=(rows, 3)) * [3e-4, 3e-4, 1e-3]
+    return ("t", "x", "y", "heading", "cmd_v", "cmd_w"), table
+
+
 def written(file, header, rows):
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream)
@@ -100,6 +134,19 @@ def test_a_base_that_is_sent_a_twist_is_found(tmp_path):
     assert told["good"] and ahead["rms"] < 0.5 * min(ahead["plain"].values())
     assert "These numbers are good for" in (out / "report.md").read_text().splitlines()[4]
     assert configuration.load([str(out / "scenario.toml")], []).scenario.plant.track == pytest.approx(0.42, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_wheels_that_grip_otherwise_now_and_then_are_not_taken_for_slow_motors(seed, tmp_path):
+    """Of a lag of 0.15 s: where every stretch could begin with motors of any speed, 0.7 and 2.9 s were found."""
+    sides = [f"scenario.deadzone.{side}" for side in ("left", "right")]
+    known = [f"{side}.{key}" for side in sides for key in ("threshold_right=0", "threshold_left=0", "slope_left=1")]
+    wishes = {"identify.fit": ["deadzone.left.slope_right", "deadzone.right.slope_right", "plant.track", "lag"]}
+    config = configuration.load(["base"], [*known, "scenario.plant.track=0.3"], faults, wishes)
+    found = fit(task([written(tmp_path / "log.csv", *slipping(seed))], config), 1, 6.0, 0)
+    lag = dict(zip([q.name for q in found.parameters], found.p, strict=True))["plant.time_constant"]
+    assert abs(lag - 0.15) < 0.1
 
 
 @pytest.mark.slow
@@ -163,3 +210,14 @@ def test_one_delay_may_be_asked_for_by_its_name():
     scenario = prepared(resolve({"scenario": {"plant": "base"}}).scenario, fit, 0.02, 0.5)
     assert named(scenario, fit) == fit and set(scenario.actuators) == {"left"}
     assert scenario.actuators["left"]["delay"].slots >= 25
+
+
+def test_a_lag_of_motors_is_looked_for_as_long_as_a_stretch_knows_what_was_sent_before_it():
+    """Up to two memories, unless a longer one is assumed; what ends there is told what moves that edge."""
+    scenario = resolve({"scenario": {"plant": "base"}}).scenario
+    log = Log("drive", 0.0, 0.02 * np.arange(100), np.zeros((100, 2)), ("left", "right"), {})
+    (lag,) = parameters(scenario, ("plant.time_constant",), [log], 0.01, 0.5)
+    assert lag.high == 1.0 and "identify.memory" in lag.most
+    slow = agvjax.replace(scenario, {"plant.time_constant": 1.5})
+    (lag,) = parameters(slow, ("plant.time_constant",), [log], 0.01, 0.5)
+    assert lag.high > 1.5

@@ -524,6 +524,19 @@ def test_several_logs_share_a_clock_where_theirs_do_not_overlap(good, log_of):
     assert not same and both[1].t[0] == 0
 
 
+def test_a_stretch_takes_what_there_is_of_a_longer_run_up(good, log_of):
+    """Of 1 s before it what the log has: 0.3 s that it must have, before the first one and behind a gap."""
+    log = log_of(np.delete(good, np.r_[300:340], axis=0))
+    long, counts = cut([log], 1.0, 0.3, 5.0, before=1.0)
+    usual, as_usual = cut([log], 1.0, 0.3, 5.0)
+    assert counts == as_usual and (long.weight.sum(axis=1) == usual.weight.sum(axis=1)).all()
+    first = np.array([row[row >= 0].min() for row in long.rows])
+    begins = np.array([row[(row >= 0) & (live > 0)].min() for row, live in zip(long.rows, long.live, strict=True)])
+    behind = np.where(begins < 300, 0, 300)
+    np.testing.assert_allclose(first, np.maximum(begins - 50, behind), atol=1)  # of times that are rounded
+    assert (begins - first).min() == 15
+
+
 def test_stretches_cover_the_log_once_and_none_crosses_a_gap(good, log_of):
     rows = np.delete(good, np.r_[300:340], axis=0)
     log = log_of(rows)

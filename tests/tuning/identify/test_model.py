@@ -55,6 +55,22 @@ def test_the_prediction_is_that_of_another_program_whenever_commands_arrive(late
     np.testing.assert_allclose(seen, states[:, :3], atol=2e-4)
 
 
+def test_a_stretch_begins_with_its_motors_as_the_commands_before_it_made_them():
+    """Whatever is guessed of them: in its last 0.4 s it goes where the vehicle of the other program goes."""
+    motors = Motor(0.9, 0.95, 0.05, 0.07, delay=0.1)
+    vehicle, twists = TwoWheels(motors=(motors, motors)), TWISTS * (np.arange(60) >= 10)[:, None]
+    states = run(vehicle, twists.tolist(), STEP, np.array([0.0, 0.0, 0.3]), STEP * np.arange(60))
+    late = rows(np.array([vehicle.asked(v, w) for v, w in twists]))
+    late = late._replace(live=np.repeat([0.0, 1.0], [40, 20]), rows=np.arange(100, 160))
+    for guess in ([0.0, 0.0], [0.9, -0.9]):
+        seen = predict()(jnp.array([0.1, 0.1]), np.r_[states[40, :3], guess], late)
+        np.testing.assert_allclose(seen[:41], np.tile(states[40, :3], (41, 1)), atol=1e-9)
+        np.testing.assert_allclose(seen[40:], states[40:, :3], atol=2e-4)
+    begun = late._replace(rows=np.arange(60), live=np.repeat([0.0, 1.0], [5, 55]))  # 0.1 s after the log begins
+    still, fast = (predict()(jnp.array([0.1, 0.1]), np.r_[STILL[:3], guess, guess], begun) for guess in (0.0, 0.5))
+    assert np.linalg.norm(fast[-1, :2] - still[-1, :2]) > 0.01
+
+
 def test_the_slope_in_a_delay_is_that_of_small_differences_also_where_steps_begin():
     """At 0.1 s both delays and the steps' begins come together; the vehicle speeds up as fast as it can."""
     inputs = np.repeat([[0.0, 0.0], [0.7, 0.5], [-0.6, 0.3]], 20, axis=0)
