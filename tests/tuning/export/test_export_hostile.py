@@ -16,7 +16,7 @@ import yaml
 import agvjax
 from agvjax import Route
 from tuning.config.write import gains_table
-from tuning.export import FORMATS, artefact, c, names, nav2, parameters, program, ros2
+from tuning.export import FORMATS, artefact, c, c_language, names, nav2, parameters, program, ros2
 from tuning.export import numpy as numpy_file
 from tuning.io.files import finite
 
