@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -23,6 +24,11 @@ ROUTED = ("cross_track", "cross_track_late", "cross_track_peak_late", "heading_e
 ROUTED += ("corridor_excess", "lateral_acceleration", "standstill", "time_to_finish", "total_chatter")
 RIDDEN = ("arc", "cross_track", "heading_error", "speed", "wanted")  # of a route, kept sample by sample
 Numbers = dict[str, Number | dict[str, Number]]  # by metric, and by channel or actuator where each has its own
+
+
+def measured(trajectory: agvjax.Trajectory, criteria: agvjax.Criteria) -> agvjax.Metrics:
+    """Metrics of a run, as one program: each operation by itself is one to load."""
+    return jax.jit(agvjax.measure)(trajectory, criteria)
 
 
 def divergence(trajectory: agvjax.Trajectory, limit: float) -> str:

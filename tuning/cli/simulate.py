@@ -10,6 +10,7 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
 
+from ..compute.compiled import meanwhile
 from ..compute.memory import too_much
 from ..config import mapped, whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
@@ -20,7 +21,7 @@ from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
 from .folders import new_folder
-from .measured import arrays, brief, divergence, numbers
+from .measured import arrays, brief, divergence, measured, numbers
 from .prepare import configure, warn
 
 NUMBERS = 60  # about so many are kept of one sample, copies among them
@@ -37,9 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(wrong)
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
+    meanwhile(plot.sheet, (1.0, 1.0))  # imports what draws
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
-    of_metrics = numbers(agvjax.measure(trajectory, config.judged(delivered=True)), config.scenario)
+    of_metrics = numbers(measured(trajectory, config.judged(delivered=True)), config.scenario)
     trajectory = mapped.drawn(trajectory, config.scenario)
     files.write_npz(out / "trajectory.npz", arrays(trajectory))
     files.write_json(out / "metrics.json", of_metrics)
@@ -47,11 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
-    if arguments.mcap:
-        runs.write_new(arguments.mcap, {"": trajectory}, config.scenario.plant)
-    console.conclude(
-        brief(of_metrics, config.scenario), f"written to {out}: every metric in metrics.json, figures, trajectory.npz"
-    )
+    runs.write_new(arguments.mcap, {"": trajectory}, config.scenario.plant)
+    where = f"written to {out}: every metric in metrics.json, figures, trajectory.npz"
+    console.conclude(brief(of_metrics, config.scenario), where)
     if not trajectory.ok:
         raise RunFailed(f"{divergence(trajectory, float(config.scenario.limit))} ({out})")
     return 0

@@ -274,7 +274,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "",
     unit = config.scenario.plant.command_units[0]
     for name, (title, scene) in scenes.items():
         before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
-        if recording and name == "nominal":
+        if name == "nominal":
             runs.write_new(recording, {"before": before, "after": after}, config.scenario.plant)
         drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)

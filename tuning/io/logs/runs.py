@@ -44,9 +44,10 @@ def check(file: str | None) -> None:
         raise InputError([Fault("--mcap", file, "a new file that ends in .mcap, in a folder that there is")])
 
 
-def write_new(file: str, runs: Mapping[str, agvjax.Trajectory], plant: Plant) -> None:
-    """`write` to a file that `check` accepted."""
-    write_by(Path(file), lambda stream: write(stream, runs, plant))
+def write_new(file: str | None, runs: Mapping[str, agvjax.Trajectory], plant: Plant) -> None:
+    """`write` to a file that `check` accepted; None: nowhere."""
+    if file is not None:
+        write_by(Path(file), lambda stream: write(stream, runs, plant))
 
 
 def write(file: BinaryIO, runs: Mapping[str, agvjax.Trajectory], plant: Plant) -> None:
