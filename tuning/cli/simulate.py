@@ -10,7 +10,6 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.draw import plot
 
-from ..compute.compiled import meanwhile
 from ..compute.memory import too_much
 from ..config import mapped, whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
@@ -38,7 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(wrong)
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "simulate")
-    meanwhile(plot.sheet, (1.0, 1.0))  # imports what draws
     save = config.simulate.save_every
     trajectory = agvjax.simulate(config.controller, config.scenario, save_every=save, **config.timing())
     of_metrics = numbers(measured(trajectory, config.judged(delivered=True)), config.scenario)

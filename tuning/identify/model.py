@@ -156,7 +156,7 @@ class Model(NamedTuple):
 
 
 def _moving(rates: PyTree, live: Array) -> PyTree:
-    """Rates of a state, while only actuators move (0), among them motors, and then (1)."""
+    """Rates of a state: of actuators and motors alone where `live` is 0, of everything where it is 1."""
     moved = jax.tree.map(lambda dx: live * dx, rates)
     return dataclasses.replace(moved, reached=rates.reached) if isinstance(rates, BaseState) else moved
 

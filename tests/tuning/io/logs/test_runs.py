@@ -43,11 +43,12 @@ def decoded(data):
     from mcap.reader import make_reader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    found = {}
+    found, stores = {}, {}
     for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
-        store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(schema.data.decode(), schema.name))
-        one = store.deserialize_cdr(message.data, schema.name)
+        if schema.name not in stores:
+            stores[schema.name] = get_typestore(Stores.EMPTY)
+            stores[schema.name].register(get_types_from_msg(schema.data.decode(), schema.name))
+        one = stores[schema.name].deserialize_cdr(message.data, schema.name)
         found.setdefault(channel.topic, []).append((message.log_time, one))
     return found
 

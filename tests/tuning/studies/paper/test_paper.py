@@ -140,7 +140,7 @@ def compared(**mean):
     tuned = {}
     for name, rmse in mean.items():
         one = vars(metrics(rmse=(rmse, 0.0, 0.0)))
-        batch = Metrics(**{k: np.stack([np.asarray(v)] * 4) for k, v in one.items()})
+        batch = Metrics(**{k: None if v is None else np.stack([np.asarray(v)] * 4) for k, v in one.items()})
         tuned[name] = compare.Tuned(None, None, 1.0, 0.0, 10, 0, 0, batch, batch)
     return tuned
 
