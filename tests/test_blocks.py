@@ -31,6 +31,7 @@ SMALL = {  # enough to go all the way through
 }
 # Run by tests of their own, at length; a page that stays open; processes that wait for each other.
 ELSEWHERE = ("compare", "explore", "reproduce", "vehicles", "completion")
+BY_OTHERS = "docs/extending.md", "docs/fmu.md"  # tests/test_docs.py, tests/tuning/export/test_export_fmu.py
 APART = "--num-processes", "--coordinator"
 
 
@@ -150,7 +151,7 @@ def called(call):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if page != "docs/extending.md"])
+@pytest.mark.parametrize("page", [page for page in PAGES if page not in BY_OTHERS])
 def test_the_commands_of_a_page_run_in_their_order_and_so_does_its_python(page, files):
     if "drive.csv" in str(calls(page)):
         drives("robot")

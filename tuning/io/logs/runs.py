@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -88,9 +89,10 @@ class _Run:
         self.prefix, self.stamps = prefix, _stamps(run)
         self.heading, self.turning = np.asarray(run.heading, float), _yaw_rates(run)
         lever = float(plant.lever() or 0.0)
-        ahead = np.stack(into_plane(lever, 0.0, self.heading), axis=-1)
-        self.position = np.asarray(run.position, float) - ahead
-        along, across = into_body(np.asarray(run.velocity, float).T, self.heading)
+        turned = jnp.asarray(self.heading)
+        ahead = into_plane(jnp.asarray(lever), jnp.zeros(()), turned).T
+        self.position = np.asarray(run.position, float) - np.asarray(ahead)
+        along, across = into_body(jnp.asarray(run.velocity).T, turned)
         self.moving = np.column_stack([along, np.asarray(across) - lever * self.turning])
         self.wanted = np.column_stack([run.reference_position, run.reference_heading]).astype(float)
         self.command = np.asarray(run.command, float)
