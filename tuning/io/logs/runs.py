@@ -1,4 +1,4 @@
-"""Simulated runs as an MCAP file of ROS 2's messages, which viewers open: Foxglove, PlotJuggler, Rerun.
+"""Simulated runs as an MCAP file of ROS 2's messages, for viewers: Foxglove, PlotJuggler, Rerun.
 
 Topics of a run: `odom`, `plan`, `reference`, `cmd_vel` where the law asks for a twist, numbers by name below `asked`,
 `delivered` and `error`; and `tf` of all runs. Of several runs each has its name in front of its topics and frames.
