@@ -41,3 +41,17 @@ def test_every_listed_drive_says_what_its_columns_are():
         for part in ("learned", "unseen"):
             assert {source["file"] for source in drive[part].values()} <= set(drive["sha256"]), name
         assert {"x", "y", "heading"} < set(drive["columns"]), name
+
+
+def test_what_share_of_its_speed_a_base_drives_is_told_apart_by_how_it_turns():
+    """30 s straight on at all of .1 m/s, 30 s in a turn at .6 of it; a pose every third row."""
+    t = np.arange(0.0, 60.0, 0.05)
+    turning = t >= 30.0
+    sent = np.column_stack([np.full(t.size, 0.1), np.where(turning, 0.5, 0.0)])
+    heading = np.where(turning, 0.5 * (t - 30.0), 0.0) + 3.0
+    speed = np.where(turning, 0.06, 0.1)
+    x, y = (np.concatenate([[0.0], np.cumsum(0.05 * speed * turned(heading))[:-1]]) for turned in (np.cos, np.sin))
+    pose = {"x": x, "y": y, "heading": (heading + np.pi) % (2 * np.pi) - np.pi}
+    pose = {name: np.where(np.arange(t.size) % 3 == 0, value, np.nan) for name, value in pose.items()}
+    np.testing.assert_allclose(drives.shares(t, pose, sent), [1.0, 0.6], rtol=0.01)
+    assert np.isnan(drives.shares(t, pose, np.where(turning[:, None], sent, 0.0))[0])

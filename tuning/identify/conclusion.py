@@ -15,6 +15,7 @@ from .verdict import Estimate, FitVerdict
 
 LOST = 0.1  # share of outliers beyond which a fit is one of the rest alone
 BETTER = 0.9  # times the error of a plain model, at most, of what explains more than it
+LACKING = 2 / 3  # the same of what is known to lack something: its numbers are then means of what they stand for
 CLOSE = 2.0  # times the noise of what is measured: a prediction as good as one can see
 KINDS = {  # of numbers, by how their names begin and end
     "deadzones": ("deadzone.", ""),
@@ -105,10 +106,12 @@ def _no_good(logs: Sequence[Log], fit: Fit, verdict: FitVerdict, ahead: Sequence
     rms, others = together([(p.rms, p.windows) for p in ahead]), plain(ahead)
     places = [fit.model.channels.index(name) for name in ("x", "y")]
     seen = float(np.hypot(*noise(logs)[places]))
-    if others and rms > BETTER * min(others.values()) and rms > CLOSE * seen:
+    lacks = verdict.left.lacks
+    if others and rms > (LACKING if lacks else BETTER) * min(others.values()) and rms > CLOSE * seen:
         best = min(others, key=lambda name: others[name])
-        how = "no" if rms >= others[best] else "hardly"
-        return f"they explain {'the' if own else 'another'} drive {how} better than {best}"
+        how = "no better" if rms >= others[best] else f"only {1 - rms / others[best]:.0%} better"
+        why = f"they explain {'the' if own else 'another'} drive {how} than {best}"
+        return f"{why}, and the model lacks something in {_listed(lacks)}" if lacks else why
     return ""
 
 

@@ -32,17 +32,22 @@ def dead(u, threshold, slope=0.95):
     return slope * np.sign(u) * max(abs(u) - threshold, 0.0)
 
 
+def rolled(place, left, right, track, h):
+    """Where a base is after h s, its wheels rolling at these speeds."""
+    (x, y, psi), speed = place, (left + right) / 2
+    return x + speed * np.cos(psi) * h, y + speed * np.sin(psi) * h, psi + (right - left) / track * h
+
+
 def sent_a_twist(seed, rows=2000, late=5, track=0.42, lag=0.2):
     """A base by hand: its driver takes the wheels to be 0.5 m apart, where they are 0.42; 100 ms late."""
     twist, rng = held(seed, rows, [-0.7, -1.2], [0.9, 1.2]), np.random.default_rng(seed)
-    x = y = psi = left = right = 0.0
+    place, left, right, h = (0.0, 0.0, 0.0), 0.0, 0.0, STEP / 10
     table = np.empty((rows, 6))
     for i in range(rows):
-        table[i] = (i * STEP, x, y, psi, *twist[i])
+        table[i] = (i * STEP, *place, *twist[i])
         v, w = twist[max(i - late, 0)]
         for _ in range(10):
-            h, speed = STEP / 10, (left + right) / 2
-            x, y, psi = x + speed * np.cos(psi) * h, y + speed * np.sin(psi) * h, psi + (right - left) / track * h
+            place = rolled(place, left, right, track, h)
             left += (dead(v - 0.25 * w, 0.08) - left) / lag * h
             right += (dead(v + 0.25 * w, 0.05) - right) / lag * h
     table[:, 1:4] += rng.normal(size=(rows, 3)) * [3e-3, 3e-3, 2e-3]
@@ -80,16 +85,13 @@ def slipping(seed, rows=3000, late=4, track=0.258, lag=0.15):
         n = int(rng.integers(100, 300))
         grip[i : i + n] = 1 + 0.3 * rng.normal(size=2)
         i += n
-    x = y = psi = left = right = 0.0
+    place, left, right, h = (0.0, 0.0, 0.0), 0.0, 0.0, STEP / 10
     table = np.empty((rows, 6))
     for i in range(rows):
-        table[i] = (i * STEP, x, y, psi, *twist[i])
+        table[i] = (i * STEP, *place, *twist[i])
         v, w = twist[max(i - late, 0)]
         for _ in range(10):
-            h, (rolled_left, rolled_right) = STEP / 10, grip[i] * (left, right)
-            speed = (rolled_left + rolled_right) / 2
-            x, y = x + speed * np.cos(psi) * h, y + speed * np.sin(psi) * h
-            psi += (rolled_right - rolled_left) / track * h
+            place = rolled(place, *grip[i] * (left, right), track, h)
             left += (v - w * track / 2 - left) / lag * h
             right += (v + w * track / 2 - right) / lag * h
     table[:, 1:4] += rng.normal(size=(rows, 3)) * [3e-4, 3e-4, 1e-3]
