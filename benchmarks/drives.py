@@ -22,7 +22,7 @@ import numpy as np
 import tomli_w
 
 import agvjax
-from tuning.config import load
+from tuning import config as configuration
 from tuning.identify.load import load as logged
 from tuning.identify.plain import AT_ONCE, LAGGING
 
@@ -66,7 +66,7 @@ def told(found: dict[str, Any]) -> dict[str, Any]:
 
 def _kept_up(parts: Sequence[Path], drive: dict[str, Any], columns: Path) -> dict[str, str]:
     """What share of the speed that it is told a base drives, straight on and in turns: of either part."""
-    settings = load.load([drive["config"], str(columns)], drive.get("set", ()))
+    settings = configuration.load([drive["config"], str(columns)], drive.get("set", ()))
     if not isinstance(settings.scenario.plant, agvjax.Base):
         return dict.fromkeys(KEPT_UP, "")
     asked = settings.identify
