@@ -384,11 +384,15 @@ def plain(tree):
     return {name: np.asarray(x) for name, x in vars(tree).items() if x is not None}
 
 
-def numpy_controller(exported_law, *arguments):
-    """The controller of the exported NumPy file."""
+def numpy_class(exported_law):
+    """The class of the exported NumPy file."""
     space = {}
     exec(numpy_file.files(exported_law)["agv_controller.py"], space)
-    return space["Controller"](*arguments)
+    return space["Controller"]
+
+
+def numpy_controller(exported_law, *arguments):
+    return numpy_class(exported_law)(*arguments)
 
 
 SCENE = agvjax.Scenario.of(agvjax.Unicycle(), heading=agvjax.Tangent())
@@ -480,11 +484,12 @@ SLOW = [pytest.param(x, marks=pytest.mark.slow) for x in (np.inf, -np.inf)]
 
 @pytest.mark.parametrize("wrong", [np.nan, *SLOW])
 def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
+    fresh = numpy_class(limited)
     for group, name in [(g, n) for g, table in enumerate((SEEN, ASKED)) for n in table]:
-        now, controller = [SEEN, ASKED | {"position": [0.1, 0.2]}], numpy_controller(limited)
+        now, controller = [SEEN, ASKED | {"position": [0.1, 0.2]}], fresh()
         wanted = [controller.step(*now), controller.step(*now)][1]
         assert controller.status == "OK"
-        again = numpy_controller(limited)
+        again = fresh()
         again.step(*now)
         bad = [dict(table) for table in now]
         bad[group][name] = np.full(np.shape(bad[group][name]), wrong)
@@ -492,9 +497,9 @@ def test_no_number_that_is_not_finite_enters_the_state_in_numpy(wrong, limited):
         assert set(again.step(*bad).values()) == {0.0} and again.status == "NOT_FINITE" and not again.limited
         assert before == again.state
         assert again.step(*now) == wanted and again.status == "OK"
-        late = numpy_controller(limited)
+        late = fresh()
         late.step(*bad)  # the first of all
-        assert late.step(*now) == numpy_controller(limited).step(*now) and late.status == "STARTED"
+        assert late.step(*now) == fresh().step(*now) and late.status == "STARTED"
 
 
 @pytest.mark.parametrize("name", ["limited", *(pytest.param(n, marks=pytest.mark.slow) for n in ("stateless", "osfc"))])

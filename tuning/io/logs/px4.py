@@ -19,7 +19,8 @@ def read(path: Path, tick: Callable[[int], object]) -> Recording:
     from pyulog import ULog
 
     try:
-        log = ULog(str(path))
+        with path.open("rb") as file:  # the library leaves a file open that it cannot read
+            log = ULog(file)
     except Exception as error:  # the library ends in whatever damaged bytes lead it to
         raise ValueError(f"no ULog of PX4 that can be read ({str(error) or type(error).__name__})") from error
     streams = []

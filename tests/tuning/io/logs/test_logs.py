@@ -8,6 +8,7 @@ import pytest
 
 import agvjax
 import commands
+from tuning.cli.main import main
 from tuning.identify.load import load
 from tuning.identify.recorded import shares
 from tuning.io.csv_file import Column
@@ -245,13 +246,14 @@ def test_an_mdf_file_of_a_car(tmp_path):
     np.testing.assert_allclose(stream.fields["SteeringAngle"], 2.0 * t)
 
 
-def test_a_folder_and_a_file_that_are_no_recordings_are_refused_with_exit_code_2(tmp_path):
+def test_a_folder_and_a_file_that_are_no_recordings_are_refused_with_exit_code_2(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     (tmp_path / "wrong.mcap").write_bytes(b"not at all" * 10)
     (tmp_path / "wrong.ulg").write_bytes(b"not at all" * 10)
     (tmp_path / "wrong.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     for name in ("empty", "wrong.mcap", "wrong.ulg", "wrong.bag", "gone.mcap", "drive.csv"):
-        _, err = commands.run(["log", str(tmp_path / name), "--out", str(tmp_path / "out")], code=2)
+        assert main(["log", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
+        err = capsys.readouterr().err
         assert f"FILE = {tmp_path / name}" in err and not (tmp_path / "out").exists(), name
     assert "agvjax identify" in err  # of a CSV file
 
