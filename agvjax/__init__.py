@@ -80,7 +80,7 @@ from .plants.unicycle import Unicycle
 from .protocols import Disturbance, Element, Heading, Law, Motion, Path, Plant, Reach, Sensor
 from .scenario import Scenario
 from .schedule import Schedule
-from .sensor import Noise
+from .sensor import Mounted, Noise
 from .simulate import Trajectory, simulate
 from .timing import Timing
 
@@ -103,6 +103,7 @@ __all__ += ["FrictionPatch", "KinematicSingleTrack", "LinearTyre", "SaturatingTy
 __all__ += ["SteeringLimits", "Unicycle"]
 # actuators, sensors, paths, disturbances
 __all__ += ["Chain", "Deadzone", "Backlash", "Delay", "Lag", "Quantisation", "RateLimit", "Saturation", "Noise"]
+__all__ += ["Mounted"]
 __all__ += ["Bearing", "Tangent", "default_heading", "Circle", "Dumbbell", "Lemniscate", "Line", "Waypoints"]
 __all__ += ["Route", "SpeedLimits"]
 __all__ += ["BandLimitedNoise", "Cosine", "CosineSum", "Harmonic", "NoDisturbance", "Recorded", "Step", "Tone"]

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._pytree import NONNEGATIVE, Real, number, pytree
+from .geometry import into_plane, turned
 from .messages import Measurement
 from .protocols import Sensor
 
@@ -63,3 +64,37 @@ class Noise(Sensor):
             heading=measurement.heading + self.heading * n[4],
             yaw_rate=measurement.yaw_rate + self.yaw_rate * n[5],
         )
+
+
+@pytree
+class Mounted(Noise):
+    """A sensor of the pose that is not where the law takes it to be: beside the reference point, and turned.
+
+    A bias is what a calibration left over, or markers and antennas stuck on by eye. What it tells is the motion of the
+    point where it is mounted, and a heading that is off by as much as it is turned; the noise is added to that.
+
+    Attributes:
+        ahead: how far the sensor is ahead of the reference point, along the vehicle.
+        left: how far it is to the left of it.
+        turned: how far it is turned to the left: added to the heading.
+    """
+
+    position: Real = number(0.0, "m", NONNEGATIVE)
+    velocity: Real = number(0.0, "m/s", NONNEGATIVE)
+    ahead: Real = number(0.0, "m")
+    left: Real = number(0.0, "m")
+    turned: Real = number(0.0, "rad")
+
+    def seen(self, measurement: Measurement) -> Measurement:
+        """What would be told without noise."""
+        offset = into_plane(jnp.asarray(self.ahead), jnp.asarray(self.left), measurement.heading)
+        return dataclasses.replace(
+            measurement,
+            position=measurement.position + offset,
+            velocity=measurement.velocity + turned(offset, measurement.yaw_rate),
+            heading=measurement.heading + self.turned,
+        )
+
+    def __call__(self, memory: NoiseMemory, measurement: Measurement) -> Measurement:
+        """What the controller is told."""
+        return super().__call__(memory, self.seen(measurement))

@@ -71,7 +71,7 @@ CLASSES: Classes = {
     **{f"controller.vehicle.{name}": classes for name, classes in PARTS.items()},
     "scenario.plant": PLANTS,
     **{f"scenario.plant.{name}": classes for name, classes in PARTS.items()},
-    "scenario.sensor": {"none": None, "noise": agvjax.Noise},
+    "scenario.sensor": {"none": None, "noise": agvjax.Noise, "mounted": agvjax.Mounted},
     "scenario.path": {
         "dumbbell": agvjax.Dumbbell,
         "circle": agvjax.Circle,

@@ -136,7 +136,7 @@ class Identify:
     """How a log is read and fitted, and what a drive that is suggested may do.
 
     Attributes:
-        fit: what is fitted: groups (deadzone, delay, lag, disturbance, vehicle) or leaves of the scenario.
+        fit: what is fitted: groups (deadzone, delay, lag, disturbance, vehicle, sensor) or leaves of the scenario.
         columns: where a quantity stands in the log, where the log has another name, unit or sign for it.
         topics: of a recording, by role (pose, command, speed, yaw_rate, steering) the topic that serves as it.
         stamps: of a recording, whose times are used: the sender's or those of arrival.

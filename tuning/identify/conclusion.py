@@ -24,6 +24,7 @@ KINDS = {  # of numbers, by how their names begin and end
     "actuators": ("actuators.", ""),
     "pushes": ("disturbance.", ""),
     "the vehicle": ("plant.", ""),
+    "the sensor": ("sensor.", ""),
 }
 
 

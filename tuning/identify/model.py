@@ -32,9 +32,12 @@ RUN_UP = 4.0  # memories, for which motors have run when a stretch begins
 EASE = 1e-9  # of the normal matrix's own size, added so that a state nobody measured stays where it was guessed
 
 
-def channels(plant: Plant, state: PyTree, delivered: Inputs, names: Sequence[str]) -> Float[Array, " C"]:
-    """What is measured of a vehicle in some state, by channel."""
+def channels(
+    plant: Plant, state: PyTree, delivered: Inputs, names: Sequence[str], sensor: agvjax.Mounted | None = None
+) -> Float[Array, " C"]:
+    """What is measured of a vehicle in some state, by channel; `sensor` is where it is measured, without its noise."""
     seen = plant.output(state, delivered)
+    seen = seen if sensor is None else sensor.seen(seen)
     along, _ = into_body(seen.velocity, seen.heading)
     values: Inputs = {"x": seen.position[0], "y": seen.position[1], "heading": seen.heading}
     values |= {"vx": seen.velocity[0], "vy": seen.velocity[1], "speed": along}
@@ -98,7 +101,7 @@ class Model(NamedTuple):
     def predict(self, p: Float[Array, " P"], s: Float[Array, " n"], stretch: Segments) -> Float[Array, "K C"]:
         """What would have been measured at the rows of one stretch that begins in state s."""
         scenario, late = prompt(self.at(p))
-        plant = scenario.plant
+        plant, sensor = scenario.plant, scenario.sensor if isinstance(scenario.sensor, agvjax.Mounted) else None
         zero = jnp.zeros((), s.dtype)
         blank = agvjax.Start(position=zero + jnp.zeros(2), velocity=zero + jnp.ones(2), heading=zero)
         unflatten = ravel_pytree(plant.start(blank))[1]
@@ -125,7 +128,7 @@ class Model(NamedTuple):
                 memory = {n: part.jump(flow[n], memory[n], u[n], h) for n, part in parts.items()}
                 signals = [(t + begin + node * h, memory) for node in agvjax.RK4.nodes]
                 (after, flow), delivered = agvjax.RK4.advance(rate, (state, flow), h, signals)
-                return (after, flow, memory), channels(plant, state, delivered, self.channels)
+                return (after, flow, memory), channels(plant, state, delivered, self.channels, sensor)
 
             carry, seen = jax.lax.scan(step, carry, (first, steps, held))
             return carry, seen[0]

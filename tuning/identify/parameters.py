@@ -15,7 +15,7 @@ from agvjax.scenario import unit_in
 
 from .log import Log, columns_of
 
-GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle")
+GROUPS = ("deadzone", "delay", "lag", "disturbance", "vehicle", "sensor")
 # What of a plant a drive can tell. Masses, wheels' sizes and wheelbases go with the slopes of the deadzones: they are
 # weighed and measured instead.
 VEHICLE = {
@@ -31,6 +31,8 @@ LAGS = {  # of plants whose motors lag by themselves: no further lag can be told
     agvjax.Ackermann: ("time_constant", "steering_time"),
 }
 ALIKE = {"plant.drift": "disturbance.heading.constant"}  # both add to the yaw rate: a group asks for the first alone
+# Of a sensor, what a drive tells: how far off it is looked for, and what counts as little.
+MOUNTING = {"sensor.ahead": (5.0, 5e-3), "sensor.left": (5.0, 5e-3), "sensor.turned": (np.pi / 2, 5e-3)}
 SINUSOID = ("cosine", "sine")
 LONGEST = 2.0  # memories, of a lag; of a delay one
 ELEMENTS = {"delay": (agvjax.Delay, "time"), "lag": (agvjax.Lag, "time_constant")}  # the group's class and its number
@@ -83,7 +85,10 @@ def prepared(scenario: agvjax.Scenario, fit: Sequence[str], period: float, memor
         disturbance = agvjax.NoDisturbance()
     elif not isinstance(disturbance, agvjax.Harmonic):
         disturbance = agvjax.Harmonic()
-    return dataclasses.replace(scenario, actuators=chains, disturbance=disturbance, sensor=None)
+    sought = "sensor" in fit or any(name in MOUNTING for name in fit)
+    given = scenario.sensor if isinstance(scenario.sensor, agvjax.Mounted) else agvjax.Mounted()
+    sensor = given if sought or scenario.sensor is given else None
+    return dataclasses.replace(scenario, actuators=chains, disturbance=disturbance, sensor=sensor)
 
 
 def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
@@ -94,6 +99,7 @@ def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
             name for name in leaves(scenario) if name.startswith("disturbance.") and name != "disturbance.phase"
         ],
         "vehicle": [f"plant.{name}" for name in VEHICLE.get(type(scenario.plant), ())],
+        "sensor": [name for name in MOUNTING if not (name == "sensor.ahead" and "plant.L" in leaves(scenario))],
     }
     for group, (element, number) in ELEMENTS.items():
         parts = [(name, parts_of(chain)) for name, chain in scenario.actuators.items()]
@@ -107,8 +113,8 @@ def named(scenario: agvjax.Scenario, fit: Sequence[str]) -> tuple[str, ...]:
 
 def unknown(scenario: agvjax.Scenario, fit: Sequence[str]) -> list[str]:
     """Entries of `identify.fit` that name nothing that can be fitted."""
-    outside = ("start.", "path.", "sensor.", "limit")  # a log says nothing of these
-    numbers = {n for n, x in leaves(scenario).items() if not (n.startswith(outside) or np.ndim(x))}
+    outside = ("start.", "path.", "sensor.", "limit")  # a log says nothing of these, but where its sensor is mounted
+    numbers = {n for n, x in leaves(scenario).items() if not (n.startswith(outside) or np.ndim(x))} | {*MOUNTING}
     return [name for name in fit if name not in numbers and name not in GROUPS]
 
 
@@ -142,6 +148,9 @@ def _parameter(scenario: agvjax.Scenario, name: str, logs: Sequence[Log], subste
     if name.startswith("disturbance.") and last != "omega":
         high = 10.0 * max(1.0, abs(value))
         return Parameter(name, unit, value, -high, high, 1.0, 0.02, around, around)
+    if name in MOUNTING:
+        high, little = MOUNTING[name]
+        return Parameter(name, unit, value, -high, high, 0.1, little, around, around)
     if name == OMEGA:
         return Parameter(name, unit, value, min(0.01, 0.1 * value), max(30.0, 3 * value), 1.0, 0.0, around, around)
     if name.startswith("actuators.") and last in ("time", "time_constant"):

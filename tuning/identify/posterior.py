@@ -12,7 +12,7 @@ from agvjax.leaves import leaves
 from ..config.settings import Config
 from ..ensemble.draws import Between, Correlation, Distribution, Draw, correlated, default_draws
 from .fit import Fit
-from .parameters import SINUSOID, parts_of, sinusoidal
+from .parameters import MOUNTING, SINUSOID, parts_of, sinusoidal
 from .verdict import Estimate, FitVerdict
 
 TAIL = 4.0  # standard deviations from its bound within which a parameter's distribution is cut off there
@@ -78,6 +78,7 @@ def _structure(config: Config, fit: Fit, known: dict[str, Estimate], absent: set
             chains[name] = agvjax.Chain(**kept)
     sought = any(name.startswith("disturbance.") for name in {*known, *absent})
     disturbance, sensor = (fitted if sought else before).disturbance, before.sensor
+    sensor = fitted.sensor if any(name in MOUNTING for name in {*known, *absent}) else sensor
     if isinstance(sensor, agvjax.Noise):
         sigma = dict(zip(fit.model.channels, fit.sigma, strict=True))
         seen = {n: [sigma[c] for c in own if c in sigma] for n, own in CHANNELS.items()}

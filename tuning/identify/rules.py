@@ -7,7 +7,7 @@ import agvjax
 from ..config import rules
 from ..config.settings import Config, Identify
 from .log import commands_of
-from .parameters import GROUPS, named, parts_of, prepared, unknown
+from .parameters import GROUPS, MOUNTING, named, parts_of, prepared, unknown
 
 PERIOD = 0.02  # s, between rows where no log tells it
 ROWS = 4  # of a stretch at least
@@ -20,7 +20,8 @@ def faults(config: Config) -> list[agvjax.Fault]:
         return wrong
     settings, fit = config.identify, config.identify.fit
     scenario = prepared(config.scenario, fit, PERIOD, settings.memory)
-    rule = f"a group, {', '.join(GROUPS)}, or a number of the scenario's plant, deadzone, actuators or disturbance"
+    rule = f"a group, {', '.join(GROUPS)}, or a number of the scenario's plant, deadzone, actuators or disturbance, or"
+    rule += f" one of {', '.join(MOUNTING)}"
     wrong = [agvjax.Fault("identify.fit", name, rule) for name in unknown(scenario, fit)]
     wrong += _too_short(settings, scenario)
     if config.precision != 64:

@@ -282,6 +282,6 @@ def advice(name: str) -> str:
         return "a drive of several periods of the disturbance"
     if last in ("friction", "viscous", "creep"):
         return "forwards and backwards, at several speeds"
-    if head == "plant":
+    if head in ("plant", "sensor"):
         return "turns to both sides while driving"
     return "a longer drive, in several headings"

@@ -138,6 +138,26 @@ def test_a_base_that_is_sent_a_twist_is_found(tmp_path):
     assert configuration.load([str(out / "scenario.toml")], []).scenario.plant.track == pytest.approx(0.42, rel=0.03)
 
 
+def mounted_aside(seed, ahead=-0.06, left=0.04, turned=0.03):
+    """The same base, its pose that of markers behind and beside its axle, turned to the left."""
+    header, table = sent_a_twist(seed)
+    c, s = np.cos(table[:, 3]), np.sin(table[:, 3])
+    table[:, 1:4] += np.stack([c * ahead - s * left, s * ahead + c * left, 0.0 * c + turned], axis=1)
+    return header, table
+
+
+@pytest.mark.slow
+def test_where_a_sensor_is_mounted_is_found_and_is_in_the_scenario_that_is_tuned_for(tmp_path):
+    out, told = identified(tmp_path, mounted_aside, "base", "--fit", "deadzone,delay,vehicle,sensor")
+    for name, value, within in (("ahead", -0.06, 3e-3), ("left", 0.04, 3e-3), ("turned", 0.03, 3e-3)):
+        close(told, f"sensor.{name}", value, 0.0, within)
+        assert told["parameters"][f"sensor.{name}"]["low"] <= value <= told["parameters"][f"sensor.{name}"]["high"]
+    close(told, "plant.track", 0.42, 0.03)
+    sensor = configuration.load([str(out / "scenario.toml")], []).scenario.sensor
+    assert isinstance(sensor, agvjax.Mounted)
+    assert sensor.turned == pytest.approx(0.03, abs=3e-3) and sensor.position == pytest.approx(3e-3, rel=0.3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])
 def test_wheels_that_grip_otherwise_now_and_then_are_not_taken_for_slow_motors(seed, tmp_path):
@@ -204,6 +224,17 @@ def test_groups_ask_a_base_for_no_number_twice():
     assert names_of("unicycle", "lag") == tuple(
         f"actuators.{name}.lag.time_constant" for name in ("acceleration", "yaw_acceleration")
     )
+
+
+def test_a_sensor_may_be_looked_for_where_no_other_number_says_the_same():
+    """How far ahead it is of a vehicle with an offset L, that offset says."""
+    assert names_of("base", "sensor") == ("sensor.ahead", "sensor.left", "sensor.turned")
+    assert names_of("unicycle", "sensor") == ("sensor.left", "sensor.turned")
+    assert names_of("base", "sensor.turned") == ("sensor.turned",) and not faults(
+        resolve({"scenario": {"plant": "base"}, "identify": {"fit": ["sensor.turned"]}})
+    )
+    (wrong,) = faults(resolve({"scenario": {"plant": "base"}, "identify": {"fit": ["sensor.position"]}}))
+    assert wrong.key == "identify.fit" and "sensor.ahead" in wrong.rule
 
 
 def test_one_delay_may_be_asked_for_by_its_name():
