@@ -112,6 +112,24 @@ def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     return said + [sentence for sentence in exceeded if sentence]
 
 
+def path_needs(scenario: Scenario, horizon: float) -> list[str]:
+    """What the path takes of every limit at most, as `left: 0.62 of 0.8 m/s`; empty where nothing has a limit.
+
+    Of a path that can be followed, see `path_warnings`; what nothing limits is left out.
+    """
+    found, bounds = demands(scenario, horizon), limits(scenario)
+    said = []
+    for name, needed in found.needs.items():
+        low, high = bounds.get(name, (-np.inf, np.inf))
+        shares = [(needed.max() / high, needed.max(), high)] if 0 < high < np.inf else []
+        shares += [(needed.min() / low, needed.min(), low)] if -np.inf < low < 0 else []
+        if shares:
+            plain, unit = name.removeprefix(RATE), _unit(scenario.plant, name)
+            _, most, limit = max(shares)
+            said.append(f"{plain}: {most:.3g} of {limit:.3g} {unit}{' per s' if name != plain else ''}")
+    return said
+
+
 def _ends(path: Path, horizon: float) -> bool:
     return path.end() < horizon * (1 - 1e-6)
 

@@ -14,7 +14,7 @@ from commands import arguments
 from laws import OpenLoop
 from tuning import config as configuration
 from tuning.cli import main as cli
-from tuning.tune import page as report
+from tuning.tune import tables
 
 
 def test_on_a_circle_everything_is_constant_and_known():
@@ -83,6 +83,17 @@ def test_what_is_beyond_the_actuators_is_said_with_figures():
     (slow,) = agvjax.path_warnings(limited(ramp=RateLimit(rate=1.0)), 12.0)
     assert "changes by 1 at most" in slow
     assert agvjax.path_warnings(agvjax.Scenario(), 12.0) == []  # the paper's plant has independent inputs
+
+
+def test_what_a_path_takes_of_the_limits_is_said():
+    """On a circle at 0.8 m/s and 0.4 rad/s the outer wheel of a base 0.5 m wide rolls at 0.9 m/s."""
+    chain = Chain(stop=Saturation(upper=1.2, lower=-1.2))
+    base = agvjax.Base(track=0.5)
+    circle = Scenario.of(base, path=Circle(radius=2.0, omega=0.4), actuators={"left": chain, "right": chain})
+    free = Scenario.of(agvjax.Unicycle(), path=Circle(radius=2.0, omega=0.4))
+    said = agvjax.path_needs(circle, 5.0)
+    assert "right: 0.9 of 1.2 m/s" in said and "left: 0.7 of 1.2 m/s" in said
+    assert agvjax.path_warnings(circle, 5.0) == [] and agvjax.path_needs(free, 5.0) == []
 
 
 def deliverable(part):
@@ -266,6 +277,10 @@ def test_odd_scenarios_are_left_alone():
 
 def test_the_report_of_a_tuning_says_it_too():
     poor = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=1.0"]
-    text = report._path(configuration.load([], poor))
+    text = tables.path_of(configuration.load([], poor))
     assert "## The path" in text and "* acceleration: the path needs 1.6 m/s^2" in text
-    assert report._path(configuration.load([], [])) == ""
+    assert tables.path_of(configuration.load([], [])) == ""
+    strong = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=3.2"]
+    strong += ["scenario.actuators.acceleration.saturation.lower=-3.2"]
+    assert "can follow it" not in text
+    assert "acceleration: 1.6 of 3.2 m/s^2" in tables.path_of(configuration.load([], strong))

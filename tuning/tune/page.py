@@ -120,7 +120,7 @@ Mean and worst are over the runs that did not diverge. Evaluated at steps of
 ## {SYMBOLS}
 
 {symbols(outcome)}
-{_path(config)}
+{tables.path_of(config)}
 ## The worst case
 
 {searched}
@@ -201,12 +201,6 @@ def shown(problem: TuningProblem) -> tuple[str, ...]:
     usual = (*FOLLOWED_METRICS, *ends) if law.follows() else SHOWN
     names = dict.fromkeys([*usual, *delivered, *problem.tuner.objective.metrics])
     return tuple(name for name in names if name in metrics_of(scenario, loop=True))
-
-
-def _path(config: Config) -> str:
-    """Why no gains can make the nominal vehicle follow the path exactly; nothing where it can."""
-    reasons = "\n".join(f"* {text}" for text in agvjax.path_warnings(config.scenario, config.simulate.horizon))
-    return f"\n## The path\n\nIt cannot be followed exactly with any gains:\n\n{reasons}\n" if reasons else ""
 
 
 def _worse(outcome: Outcome) -> list[str]:

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+import agvjax
 from agvjax.leaves import element, unit_of
 from agvjax.metric_table import METRICS
 from agvjax.metric_units import PLAIN
 
+from ..config.settings import Config
 from ..io.pages import grid
 from . import figures
 from .analysis import Findings
@@ -144,3 +146,14 @@ def rounds(
                 told = r.metric in values and (values is bounds or r.round == last)
                 cell.append(f"{values[r.metric]:.5g}" if told else "")
     return grid(heads, cells)
+
+
+def path_of(config: Config) -> str:
+    """Why the nominal vehicle cannot follow the path exactly with any gains; else what it takes of its limits."""
+    scenario, horizon = config.scenario, config.simulate.horizon
+    title, reasons = "\n## The path\n\n", agvjax.path_warnings(scenario, horizon)
+    if reasons:
+        listed = "\n".join(f"* {text}" for text in reasons)
+        return f"{title}It cannot be followed exactly with any gains:\n\n{listed}\n"
+    needs = "; ".join(agvjax.path_needs(scenario, horizon))
+    return f"{title}The nominal vehicle can follow it. At most it needs, of its limits: {needs}.\n" if needs else ""
