@@ -11,6 +11,7 @@ import numpy as np
 from agvjax import Deadzone
 from agvjax.draw import plot
 
+from ..io.csv_file import KINDS
 from .excitation import Drive
 from .fit import Fit, Task
 from .log import Log, columns_of
@@ -131,7 +132,7 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
         left = fit.sums.residual[..., c][counted] / fit.sigma[c]
         axes[c, 0].plot(t[counted], left, ".", ms=1.5, color="C0")
         axes[c, 0].set(ylim=(-5, 5), ylabel=name)
-        said = f"1 = {fit.sigma[c]:.2g}"
+        said = f"1 = {fit.sigma[c]:.2g} {KINDS[name].split()[0]}"
         if name in verdict.left.white:  # of a robot that never moved nothing is said
             said += f", correlation with the next row {verdict.left.white[name]:.2f}"
         box = {"color": "white", "alpha": 0.8, "pad": 1}
@@ -141,6 +142,7 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
         axes[c, 1].set_xticks([])
     axes[-1, 0].set_xlabel("t [s]")
     axes[-1, 1].set_xlabel("normal in red")
+    figure.supylabel("measured less predicted, in standard deviations", fontsize="small")
     return figure
 
 
