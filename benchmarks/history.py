@@ -14,10 +14,17 @@ FELT = 0.05  # of a figure: smaller changes are not listed
 
 
 def figures(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Every number of a part that was measured, named by what its row is about and its column."""
-    named = {}
-    for row in rows:
-        about = " ".join(str(value) for value in row.values() if isinstance(value, (str, int)))
+    """Every number of a part that was measured, named by what its row is about and its column.
+
+    What a row is about are its first texts and counts, as many as tell it from every other row: what stands behind them
+    may be a result, and be another one next time.
+    """
+    texts = [[str(value) for value in row.values() if isinstance(value, (str, int))] for row in rows]
+    most = max(map(len, texts), default=0)
+    enough = (n for n in range(1, most + 1) if len({tuple(text[:n]) for text in texts}) == len(rows))
+    n, named = next(enough, most), {}
+    for row, text in zip(rows, texts, strict=True):
+        about = " ".join(text[:n])
         named |= {f"{about}: {key}": float(f"{x:.5g}") for key, x in row.items() if isinstance(x, float)}
     return named
 

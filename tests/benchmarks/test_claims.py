@@ -78,6 +78,14 @@ def test_a_run_is_compared_with_the_last_one_on_the_same_machine(tmp_path):
     assert "0 of 1 figures" in history.change(row("one", 1.04, "ddd"), history.append(row("one", 1.04, "ddd"), path))
 
 
+def test_a_result_in_words_or_a_count_is_no_part_of_what_a_row_is_about():
+    """Else no figure of it would be found again where the result changes."""
+    rows = [{"drive": "one", "verdict": "good", "told": 3, "rms": 2.0}, {"drive": "two", "verdict": "good", "rms": 4.0}]
+    assert history.figures(rows) == {"one: rms": 2.0, "two: rms": 4.0}
+    cases = [{"batch": 64, "precision": p, "peer": "c", "ratio": x} for p, x in (("float32", 1.0), ("float64", 2.0))]
+    assert history.figures(cases) == {"64 float32: ratio": 1.0, "64 float64: ratio": 2.0}
+
+
 def test_the_history_is_read_back():
     first, *rest = history.HISTORY.read_text().splitlines()
     assert first.split(",") == list(history.COLUMNS) and rest
