@@ -141,7 +141,7 @@ def evaluate(  # long: half of it says what each argument is
 
     values = jax.tree.map(jnp.asarray, (_varied(controller), _varied(batch)))
     shares = _shares(count, block, devices)
-    rows, size = _layout(count, block, shares)
+    rows, size = layout(count, block, shares)
     if rows == 1:
         return many(values)
     index = np.minimum(np.arange(rows * size), count - 1).reshape(rows, size)  # the last block repeats one
@@ -173,8 +173,8 @@ def _shares(scenarios: int, block: int | None, devices: int | None) -> int:
     return devices
 
 
-def _layout(scenarios: int, block: int | None, shares: int) -> tuple[int, int]:
-    """Number of blocks, a multiple of `shares`, and their size."""
+def layout(scenarios: int, block: int | None, shares: int) -> tuple[int, int]:
+    """Number of blocks, a multiple of `shares`, and their size, of so many scenarios; `block` as of `evaluate`."""
     if block is not None and block < 1:
         raise ValueError(f"block must be at least 1; got {block}")
     each = -(-scenarios // shares)  # scenarios of one device

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .ensemble.worst import Adversary as Adversary
     from .sweep.results import Results as Results
     from .sweep.results import load as load
-    from .sweep.work import run_sweep as run_sweep
+    from .sweep.run import run_sweep as run_sweep
     from .tune.gains import Gains as Gains
     from .tune.methods.objective import Objective as Objective
     from .tune.methods.objective import Requirement as Requirement
@@ -48,7 +48,7 @@ _NAMES = {
     "config.settings": ("Bound", "Config", "Ensemble", "Limit", "Search", "Simulate", "Sweep", "Tune", "Weights"),
     "tune.rounds": ("Outcome", "solve"),
     "sweep.results": ("Results", "load"),
-    "sweep.work": ("run_sweep",),
+    "sweep.run": ("run_sweep",),
     "ensemble.worst": ("Adversary",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}

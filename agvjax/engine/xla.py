@@ -44,7 +44,7 @@ def tune_xla(*, reverse: bool = False, devices: int | None = None) -> str:
     if devices is not None and devices < 1:
         raise ValueError(f"devices must be at least 1; got {devices}")
     flags, present = REVERSE if reverse else FAST, os.environ.get("XLA_FLAGS", "")
-    if _started():
+    if started():
         return _too_late(flags, present)
     if devices is not None or not ("JAX_NUM_CPU_DEVICES" in os.environ or "host_platform_device_count" in present):
         _set_devices(cores() if devices is None else devices)
@@ -78,7 +78,7 @@ def set_on_import() -> None:
     where JAX has started, or where nobody has tried them with this jaxlib: probing takes seconds, `tune_xla` does it.
     """
     present = os.environ.get("XLA_FLAGS", "")
-    if _left_alone() or BACKEND in present or not _tried() or _started():
+    if _left_alone() or BACKEND in present or not _tried() or started():
         return
     os.environ["XLA_FLAGS"] = f"{present} {FAST}".strip()
 
@@ -88,7 +88,7 @@ def warn_if_slow() -> None:
     set_on_import()  # JAX may still not have started
     if _left_alone() or BACKEND in os.environ.get("XLA_FLAGS", "") or _WARNED:
         return
-    if _started():
+    if started():
         import jax
 
         if jax.default_backend() != "cpu":
@@ -181,7 +181,8 @@ def _set_devices(count: int) -> None:
     jax.config.update("jax_num_cpu_devices", count)
 
 
-def _started() -> bool:
+def started() -> bool:
+    """Whether JAX has started in this process, and what it was started with stays."""
     if "jax" not in sys.modules:
         return False
     from jax._src import xla_bridge  # no public way to ask without starting it

@@ -159,7 +159,7 @@ def test_a_process_that_runs_slowly_is_told_so_once():
 def test_a_release_that_nobody_tried_is_asked_once(monkeypatch, tmp_path, asked, said):
     runs = iter(asked)
     monkeypatch.setattr(xla, "TRIED", ((0, 0), (0, 1)))
-    monkeypatch.setattr(xla, "_started", lambda: False)
+    monkeypatch.setattr(xla, "started", lambda: False)
     monkeypatch.setattr(xla, "_set_devices", lambda count: None)
     monkeypatch.setattr(xla.reproducer, "asked", lambda flags: next(runs))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -19,6 +19,11 @@ from .early import end_at_once
 from .options import QUIET, Command, Option, flag, many, option
 from .questions import COMPLETION, EXPLAIN, NEW
 
+SCHEDULER = option(
+    "--scheduler",
+    metavar="WHERE",
+    help="share the work among workers of Dask: local:N, tcp://HOST:PORT, slurm:N or kubernetes:N",
+)
 SHARED = (
     option("--num-processes", type=integer, metavar="N", help="number of processes that share the work (default: 1)"),
     option("--process-id", type=integer, metavar="K", help="index of this process, from 0 (default: 0)"),
@@ -73,7 +78,8 @@ SWEEP = Command(
             help="random, sobol, latin; saltelli or morris for sensitivities (default: random)",
         ),
         many("--controller", "FILE|LAW", "another controller, besides the configured one"),
-        *SHARED,
+        SCHEDULER,
+        *(one._replace(keywords={**one.keywords, "help": "of earlier releases; see --scheduler"}) for one in SHARED),
         flag("--resume", "only continue, never begin; the same command continues without it"),
     ),
 )

@@ -168,7 +168,7 @@ def _lean(module: export.Exported) -> contextlib.AbstractContextManager[None]:
 
 
 def _key(settings: str) -> str:
-    digest = hashlib.sha256(_sources())
+    digest = hashlib.sha256(sources())
     versions = [importlib.metadata.version(name) for name in ("jax", "jaxlib", "optax")]
     state = (versions, os.environ.get("XLA_FLAGS"), str(jax.numpy.result_type(float)), settings)
     digest.update(repr((*state, jax.default_backend(), jax.local_device_count())).encode())
@@ -176,7 +176,7 @@ def _key(settings: str) -> str:
 
 
 @functools.cache
-def _sources() -> bytes:
+def sources() -> bytes:
     """A digest of the code of both packages, read once a process."""
     digest = hashlib.sha256()
     for package in (Path(agvjax.__file__).parent, Path(__file__).parents[1]):

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .alone import LOCK
 from .marks import lives, mark, silent
 
 NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
@@ -77,8 +78,9 @@ def sweep_up(folder: Path) -> None:
 
 
 def empty(folder: Path) -> bool:
-    """Whether a folder holds nothing but what was half written by processes that may be gone."""
-    return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in folder.iterdir())
+    """Whether a folder holds nothing but its lock and what was half written by processes that may be gone."""
+    there = (path for path in folder.iterdir() if path.name != LOCK)
+    return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in there)
 
 
 def _writer_lives(part: Path) -> bool | None:
@@ -94,10 +96,17 @@ def write_by(path: Path, save: Callable[[BinaryIO], object]) -> None:
 
 def write_npz(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
     """Write arrays under their names, without pickle."""
+    write(path, npz(arrays))
+
+
+def npz(arrays: Mapping[str, ArrayLike]) -> bytes:
+    """The bytes of a file of arrays under their names, without pickle; the same for the same arrays."""
     plain: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
     if pickled := [name for name, value in plain.items() if value.dtype.hasobject]:
         raise TypeError(f"no arrays of plain numbers or text: {pickled}")
-    write_by(path, lambda file: np.savez(file, **plain))  # `allow_pickle` is an array's name to NumPy 2.0
+    buffer = io.BytesIO()
+    np.savez(buffer, **plain)  # `allow_pickle` is an array's name to NumPy 2.0
+    return buffer.getvalue()
 
 
 def write_json(path: Path, data: object) -> None:

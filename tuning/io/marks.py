@@ -1,4 +1,4 @@
-"""Marks of processes: what stands in a claim and in the name of a file half written, so that others see whose it is."""
+"""Marks of processes: they stand in the name of a file half written, so that others see whose it is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import secrets
 import sys
 import time
 import uuid
-from collections.abc import Collection
 from pathlib import Path
 
 STALE = 120.0  # s of silence after which what a process that cannot be asked for left lying is nobody's
@@ -22,23 +21,16 @@ def mark() -> str:
     return f"{_place()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 
-def lives(text: str, held: Collection[str] | None = None) -> bool | None:
+def lives(text: str) -> bool | None:
     """Whether the process of a mark lives; None where that cannot be told from here, or the text is no mark.
 
     A number of a process says nothing on another machine, after a restart, or in a container that counts its own.
-
-    Args:
-        text: the mark.
-        held: the marks that this process still uses, if that is known: another with its number is of an earlier one.
     """
     parts = re.fullmatch(r"([0-9a-f]{12})-(\d{1,9})-[0-9a-f]{8}", text)
     if parts is None or parts[1] != _place():
         return None
-    process = int(parts[2])
-    if process == os.getpid() and held is not None:
-        return text in held
     try:
-        os.kill(process, 0)
+        os.kill(int(parts[2]), 0)
     except ProcessLookupError:
         return False
     except PermissionError:

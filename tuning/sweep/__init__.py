@@ -3,4 +3,4 @@
 from .replay import vehicle as vehicle
 from .results import Results as Results
 from .results import load as load
-from .work import run_sweep as run_sweep
+from .run import run_sweep as run_sweep

@@ -1,8 +1,7 @@
-"""The end of a sweep: one of the processes that rolled it out judges it and writes the report."""
+"""The end of a sweep: it is judged, and its report written."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from ..io import files
 from ..io.pages import publish
 from ..io.pictures import write_figures
 from ..io.terminal import plain
-from . import claims, figures, page, results, verdict, work
+from . import figures, page, results, shards, verdict, work
 from .design import Design
 from .laws import Laws
 from .shards import Manifest
@@ -27,7 +26,7 @@ def conclude(
     judges: Sequence[work.Judge],
     say: Callable[..., None],
 ) -> None:
-    """Write the report of a sweep whose shards are all there, unless another process does.
+    """Write the report of a sweep whose shards are all there.
 
     Args:
         config: of the sweep, with what counts as a failure now.
@@ -39,18 +38,15 @@ def conclude(
         say: is told what is done, and the report.
     """
     text = configuration.dump(config)
-    while not _reported(folder, text):
-        with claims.locked(folder, "report") as ours:
-            if ours and not _reported(folder, text):
-                (folder / "report.html").unlink(missing_ok=True)
-                files.write(folder / "config.toml", text)
-                say("evaluating the results ...")
-                say("", plain(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder)))
-                say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
-                claims.sweep_up(folder)
-                return
-        time.sleep(work.WAIT)  # another process writes it; if that is lost, this one will
-    say(f"complete, with its report: {folder}/report.html")
+    if not _reported(folder, text):
+        (folder / "report.html").unlink(missing_ok=True)
+        files.write(folder / "config.toml", text)
+        say("evaluating the results ...")
+        say("", plain(_write(config, results.collect(folder, manifest, config, plan), laws, judges, folder)))
+        say(f"shards, findings and report written to {folder}; begin with {folder}/report.html")
+    else:
+        say(f"complete, with its report: {folder}/report.html")
+    shards.sweep_up(folder)
 
 
 def _reported(folder: Path, text: str) -> bool:

@@ -1,4 +1,4 @@
-"""The folder of a sweep: a manifest and numbered shards. Processes need nothing but this folder."""
+"""The folder of a sweep: a manifest and numbered shards."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import hashlib
 import importlib.metadata
 import io
 import json
-import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,17 +18,17 @@ from agvjax.metric_table import OLD_NAMES
 
 from ..config.old import difference
 from ..io import files, plain
+from ..io.alone import LOCK
 
 MANIFEST = "manifest.json"
 FORMAT = 1
 LARGEST_MANIFEST = 1_000_000_000  # bytes
-BEGINNING = 50  # tenths of a second that the first process of a sweep is given to write its manifest
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 OLD_ARRAYS = {f"result/{old}": f"result/{new}" for old, new in OLD_NAMES.items()}  # in shards of earlier releases
 
 
 class Manifest(NamedTuple):
-    """What every process of a sweep must agree on."""
+    """What a sweep is: whoever goes on with it, and every worker, must agree on it."""
 
     digest: str  # of the configuration and of every controller
     size: int
@@ -74,7 +73,7 @@ def _digest(config: str, laws: Iterable[tuple[str, str]]) -> str:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """`manifest.json`; processes that begin at once write the same."""
+    """`manifest.json`."""
     table = _table(manifest)
     files.write_json(folder / MANIFEST, {**table, "sha256": _sum(table)})
 
@@ -147,15 +146,15 @@ def path_of(folder: Path, shard: int) -> Path:
     return folder / f"shard-{shard:05d}.npz"
 
 
-def write_shard(
-    folder: Path, manifest: Manifest, shard: int, results: Mapping[str, np.ndarray], leaves: Mapping[str, np.ndarray]
-) -> None:
-    """One shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
+def packed(
+    manifest: Manifest, shard: int, results: Mapping[str, np.ndarray], leaves: Mapping[str, np.ndarray]
+) -> bytes:
+    """The file of one shard: `ok` and every metric (controllers, n), and the leaves that vary (n, ...)."""
     first, count = manifest.span(shard)
     arrays: dict[str, ArrayLike] = {"digest": np.asarray(manifest.digest), "first": first, "count": count}
     arrays |= {f"result/{name}": value for name, value in results.items()}
     arrays |= {f"leaf/{name}": value for name, value in leaves.items()}
-    files.write_npz(path_of(folder, shard), arrays)
+    return files.npz(arrays)
 
 
 def read_shard(
@@ -180,6 +179,17 @@ def read_shard(
         return None
 
 
+def missing(
+    folder: Path, manifest: Manifest, leaves: Mapping[str, tuple[int, ...]], note: Callable[[str], None]
+) -> list[int]:
+    """The shards that are to be computed, those among them that are there and damaged said in a `note`."""
+    left = [i for i in range(manifest.shards) if read_shard(folder, manifest, i, leaves) is None]
+    if damaged := [i for i in left if path_of(folder, i).exists()]:
+        shown = ", ".join(map(str, damaged[:5])) + (", ..." if len(damaged) > 5 else "")
+        note(f"{len(damaged)} of {manifest.shards} shards are damaged or cut short ({shown}): they are computed again")
+    return left
+
+
 def _fitting(
     manifest: Manifest, shard: int, arrays: Mapping[str, np.ndarray], leaves: Mapping[str, tuple[int, ...]] | None
 ) -> bool:
@@ -196,14 +206,16 @@ def _fitting(
     return True
 
 
-def just_begun(folder: Path, manifest: Manifest) -> bool:
-    """Whether another process begins this sweep in the folder now, or began it and its manifest is lost."""
+def begun(folder: Path, manifest: Manifest) -> bool:
+    """Whether this sweep was begun in a folder without a manifest: it was lost, or not written yet."""
     if any(read_shard(folder, manifest, i) is not None for i in range(manifest.shards)):
         return True
-    for _ in range(BEGINNING):
-        if (folder / MANIFEST).exists():
-            return True
-        if any(path.name != "config.toml" and path.suffix != ".part" for path in folder.iterdir()):
-            return False
-        time.sleep(0.1)
-    return True
+    return all(path.name in ("config.toml", LOCK) or path.suffix == ".part" for path in folder.iterdir())
+
+
+def sweep_up(folder: Path) -> None:
+    """Remove what processes that are gone left lying; of earlier releases also the claims by which they shared work."""
+    files.sweep_up(folder)
+    for path in folder.glob("*.claim"):
+        if path.is_file() and not path.is_symlink():
+            path.unlink(missing_ok=True)
