@@ -11,15 +11,17 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, Security, as_completed
 from distributed.deploy.cluster import Cluster
 
 from agvjax import Fault, InputError
 
-from . import worker
+from . import deaf, worker
 from .schedule import Jobs, T, WorkFailed
 
 ANSWER = 30  # s in which a scheduler must answer
+NOTHING = logging.CRITICAL + 1  # of its logs: what matters is said here, and workers that go are no news to it
 MOST = 500  # letters of an error of a worker that are shown
 
 
@@ -79,7 +81,8 @@ def _result(task: Future, job: str) -> bytes:
 @contextlib.contextmanager
 def opened(kind: str, where: str, note: Callable[[str], None], key: str) -> Iterator[Workers]:
     """The workers of a scheduler; those that are started for this end with the block."""
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # of what it warns, we say what matters
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(NOTHING)
     with contextlib.ExitStack() as ends:
         try:
             place = where if kind == "address" else ends.enter_context(_cluster(kind, int(where), key))
@@ -94,9 +97,11 @@ def opened(kind: str, where: str, note: Callable[[str], None], key: str) -> Iter
 def _cluster(kind: str, count: int, key: str) -> Cluster:
     """A scheduler with workers that are started for it."""
     if kind == "local":
-        # encrypted, or anybody with an account on this machine could have his code executed
-        more: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.ERROR}
-        return LocalCluster(n_workers=count, threads_per_worker=1, security=Security.temporary(), **more)
+        # encrypted, or anybody with an account on this machine could have his code executed; and no pages of its own
+        more: dict[str, Any] = {"silence_logs": NOTHING, "preload": deaf.__name__, "security": Security.temporary()}
+        more["scheduler_kwargs"] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+        with dask.config.set({"distributed.scheduler.http.routes": []}):
+            return LocalCluster(n_workers=count, threads_per_worker=1, **more)
     if kind == "kubernetes":
         return importlib.import_module("dask_kubernetes.operator").KubeCluster(n_workers=count, quiet=True)
     if shutil.which("sbatch") is None:

@@ -5,8 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,12 +16,13 @@ from agvjax import Scenario
 from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
 from tuning import config as configuration
+from tuning.compute.schedule import Here
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
 from tuning.io import marks
 from tuning.io.pictures import write_figures
-from tuning.sweep import claims, figures, findings, radius, results, shards, verdict, work
+from tuning.sweep import figures, findings, radius, results, run, shards, verdict, work
 from tuning.sweep.design import design
 from tuning.sweep.laws import named
 
@@ -135,11 +134,14 @@ def manifest_of(config, plan):
     return shards.manifest("the configuration", config.seed, law, plan.size, config.sweep.shard, **units)
 
 
-def rolled(folder, small, **more):
+def rolled(folder, small, said=lambda text: None, tick=lambda scenarios: None):
+    """What is missing is rolled out; the manifest, and how many shards that were."""
     config, plan, judges = small
     manifest = manifest_of(config, plan)
     shards.write_manifest(folder, manifest)
-    return manifest, work.run(folder, manifest, plan, judges, **more)
+    missing = shards.missing(folder, manifest, plan.leaf_shapes, said)
+    run.fill(folder, manifest, missing, run.jobs(run.parcel(manifest), plan, judges), Here(), tick)
+    return manifest, len(missing)
 
 
 def test_shards_hold_what_single_runs_give(small, tmp_path):
@@ -166,9 +168,10 @@ def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(small, tmp_path
     flipped[200] ^= 1  # inside the first array
     shards.path_of(tmp_path, 2).write_bytes(bytes(flipped))
     assert shards.read_shard(tmp_path, manifest, 1) is None and shards.read_shard(tmp_path, manifest, 2) is None
-    ticks = []
-    assert work.run(tmp_path, manifest, *small[1:], tick=ticks.append) == 2
+    ticks, said = [], []
+    assert rolled(tmp_path, small, said.append, ticks.append) == (manifest, 2)
     assert ticks == [7, 7, 6]
+    assert said == ["2 of 3 shards are damaged or cut short (1, 2): they are computed again"]
     assert {i: shards.path_of(tmp_path, i).read_bytes() for i in range(3)} == before  # archives carry no date
     assert shards.path_of(tmp_path, 0).stat().st_mtime_ns == time_of_first
 
@@ -228,71 +231,16 @@ def test_a_shard_of_another_shape_or_dtype_is_none(small, tmp_path):
                 assert shards.read_shard(tmp_path, manifest, 0, shapes) is None, (name, other.dtype, other.shape)
 
 
-def test_a_claim_is_taken_over_from_a_process_that_is_gone_and_from_no_other(tmp_path):
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    claim = claims.Claim(tmp_path, "shard-00000")
-    place, number, chance = claim.mark.split("-")
-    other = ("0" if place[0] != "0" else "1") + place[1:]  # a container that counts its own processes, another host
-    day = 86400
-    for holder, age, free in (
-        (f"{place}-{gone.pid}-{chance}", 0, True),
-        (f"{place}-{os.getppid()}-{chance}", 0, False),
-        (f"{place}-{os.getppid()}-{chance}", 1000, True),  # silent for long: another process has its number by now
-        (f"{place}-{number}-{'0' * 8}", 0, True),  # our number, before us
-        (f"{other}-{gone.pid}-{chance}", 0, False),
-        (f"{other}-{number}-{chance}", 0, False),
-        (f"{other}-1-{chance}", 1000, True),
-        (f"{other}-1-{chance}", -day, True),  # dated in the future: clocks were set
-        ("", 0, False),  # not written yet
-        ("", 1000, True),
-        ("elsewhere 12", 0, False),
-        (f"{place}-{10**30}-{chance}", 0, False),
-        (f"{place}-{10**30}-{chance}", 1000, True),
-        ("\udcff\udcfe", 0, False),
-        ("\udcff\udcfe", 1000, True),
-    ):
-        claim.path.write_bytes(os.fsencode(holder))
-        os.utime(claim.path, (time.time() - age,) * 2)
-        assert claim.take() is free, (holder, age)
-        assert os.fsdecode(claim.path.read_bytes()) == (claim.mark if free else holder)
-        claim.held.clear()
-    claim.release()
-    assert not claim.path.exists()
-
-
-def test_a_claim_that_another_has_taken_over_is_left_to_it(tmp_path):
-    late, other = claims.Claim(tmp_path, "report"), claims.Claim(tmp_path, "report")
-    assert late.take()
-    assert not other.take()  # of the same process, by another thread
-    os.utime(late.path, (time.time() - 1000,) * 2)  # as of a process that was stopped for long
-    assert other.take()
-    late.release()
-    assert other.path.read_text() == other.mark
-    other.release()
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("kind", ["folder", "pipe", "link to nothing"])
-def test_what_lies_in_the_place_of_a_claim_and_is_none_is_said(kind, tmp_path):
-    path = tmp_path / "shard-00000.claim"
-    {"folder": Path.mkdir, "pipe": os.mkfifo, "link to nothing": lambda p: p.symlink_to("absent")}[kind](path)
-    with pytest.raises(OSError, match="no file: remove it.*shard-00000.claim"):
-        claims.Claim(tmp_path, "shard-00000").take()
-    claims.sweep_up(tmp_path)
-    assert path.is_symlink() or path.exists()
-
-
 def test_only_what_is_nobodys_is_swept_up(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     place, number, chance = marks.mark().split("-")
     kept = {f".a.npz.{place}-{number}-{chance}.part", ".a.npz.elsewhere-12.part", "a.part", ".a.npz"}
-    old = {".b.npz.elsewhere-12.part", f".a.npz.{place}-{gone.pid}-{chance}.part"}
+    old = {".b.npz.elsewhere-12.part", f".a.npz.{place}-{gone.pid}-{chance}.part", "shard-00003.claim", "report.claim"}
     for name in kept | old:
         (tmp_path / name).touch()
     os.utime(tmp_path / ".b.npz.elsewhere-12.part", (0, 0))
-    claims.sweep_up(tmp_path)
+    shards.sweep_up(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == kept
 
 
@@ -512,14 +460,14 @@ def test_a_bound_relative_to_nothing_is_refused():
 
 def test_a_sweep_in_python_goes_on_where_it_ended_and_refuses_another(tmp_path):
     config = config_of({RIGHT: Span(Between(0.0, 1.0), 5)}, shard=2)
-    first = work.run_sweep(config, tmp_path / "sweep")
+    first = run.run_sweep(config, tmp_path / "sweep")
     path = shards.path_of(tmp_path / "sweep", 2)
     path.unlink()
-    again = work.run_sweep(config, tmp_path / "sweep")
+    again = run.run_sweep(config, tmp_path / "sweep")
     np.testing.assert_array_equal(again.metrics["total_rmse"], first.metrics["total_rmse"])
     assert first.grid("total_rmse").shape == (1, 5, 1)
     with pytest.raises(ValueError, match="another sweep"):
-        work.run_sweep(dataclasses.replace(config, seed=1), tmp_path / "sweep")
+        run.run_sweep(dataclasses.replace(config, seed=1), tmp_path / "sweep")
 
 
 def test_the_table_of_xarray_holds_the_same_numbers():
