@@ -29,10 +29,10 @@ SMALL = {  # enough to go all the way through
     "speed": [*TUNE, "speed.points=2"],
     "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
 }
-# Run by tests of their own, at length; a page that stays open; processes that wait for each other.
+# Run by tests of their own, at length; a page that stays open; processes that wait for each other, or for a cluster.
 ELSEWHERE = ("compare", "explore", "reproduce", "vehicles", "completion")
 BY_OTHERS = "docs/extending.md", "docs/fmu.md"  # tests/test_docs.py, tests/tuning/export/test_export_fmu.py
-APART = "--num-processes", "--coordinator"
+APART = "--num-processes", "--coordinator", "--scheduler"
 
 
 def blocks(page):

@@ -19,12 +19,14 @@ def arguments(command, out, settings=(), *more):
     return [command, "--out", str(out), *(x for s in settings for x in ("--set", s)), *map(str, more)]
 
 
-def start(argv, program=("-m", "tuning.cli"), **more):
+def start(argv, program=("-m", "tuning.cli"), apart=False, **more):
+    """The process of a command; `apart` in a session of its own, with other environment variables as `more`."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     ours = ("XLA_FLAGS", "TF_CPP_MIN_LOG_LEVEL")  # set by the JAX of this process
     environment = {k: v for k, v in os.environ.items() if k not in ours} | {"PYTHONPATH": path} | more
     pipe = subprocess.PIPE
-    return subprocess.Popen([sys.executable, *program, *argv], env=environment, stdout=pipe, stderr=pipe, text=True)
+    streams = {"stdout": pipe, "stderr": pipe, "text": True, "start_new_session": apart}
+    return subprocess.Popen([sys.executable, *program, *argv], env=environment, **streams)
 
 
 def run(argv, code=0, **start_options):

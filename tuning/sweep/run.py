@@ -49,6 +49,8 @@ def run_sweep(
     config = configuration.check(config, faults)
     folder, plan = Path(folder), work.planned(config)
     manifest = work.manifest_of(config, plan, laws)
+    if scheduler is not None:
+        _read(parcel(manifest, imports))  # before anything is written, what workers could not read
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
         if (folder / shards.MANIFEST).exists():
@@ -59,8 +61,6 @@ def run_sweep(
         else:
             shards.write_manifest(folder, manifest)
         sent = parcel(manifest, imports)
-        if scheduler is not None:
-            _read(sent)  # before anything is computed
         every = work.judges(config, plan, list(laws.values()), manifest.block, None if scheduler is None else 1)
         missing = shards.missing(folder, manifest, plan.leaf_shapes, said)
         fill(folder, manifest, missing, jobs(sent, plan, every), engine)

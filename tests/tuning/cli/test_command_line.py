@@ -380,8 +380,7 @@ BAD_SWEEP = {
     "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
     "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
     "gains too fast": (["--over", "controller.omega_n=50:500:3"], ("sweep.dt", "omega_n", "command filter")),
-    "one of two numbers": (["--process-id", "1"], ("--num-processes", "the other of the two")),
-    "no such process": (["--process-id", "2", "--num-processes", "2"], ("--process-id", "2", "from 0 to 1")),
+    "no such scheduler": (["--scheduler", "local:0"], ("--scheduler", "local:0", "local:N, tcp://HOST:PORT")),
     "nothing to go on with": (["--resume"], ("--resume", "has begun")),
 }
 

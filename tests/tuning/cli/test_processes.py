@@ -73,17 +73,22 @@ def test_a_sweep_killed_five_times_ends_as_if_it_never_was(undisturbed, tmp_path
     assert not list(out.glob(".*.part")) and not list(out.glob("*.claim"))
 
 
-def test_of_two_processes_one_is_killed_and_the_other_finishes_all(undisturbed, tmp_path):
+def test_a_second_process_in_the_folder_is_refused_and_the_first_goes_on(undisturbed, tmp_path):
     out = tmp_path / "two"
-    place = [("--num-processes", 2, "--process-id", k) for k in (0, 1)]
-    first, second = start(swept(out, *place[0])), start(swept(out, *place[1]))
-    wait_for(out, 6)
-    first.kill()
-    first.communicate()
-    _, said = second.communicate(timeout=HUNG)
-    assert second.returncode == 0, said
+    first = start(swept(out))
+    wait_for(out, 1)
+    _, said = run(swept(out), code=2)
+    assert f"--out = {out}: must be a folder in which no other process is at work" in said and "--scheduler" in said
+    _, said = first.communicate(timeout=HUNG)
+    assert first.returncode == 0, said
     same(out, undisturbed[0])
-    assert (out / "report.html").exists()
+
+
+def test_numbers_of_processes_are_read_and_said_to_do_nothing(tmp_path):
+    few = arguments("sweep", tmp_path / "out", SWEEP, "--ensemble", "--samples", 20)
+    _, said = run([*few, "--num-processes", "2", "--process-id", "1"])
+    assert "--num-processes and --process-id do nothing here any more" in said
+    assert results.load(tmp_path / "out").ok.shape == (1, 20)
 
 
 def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_path):
