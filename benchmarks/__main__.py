@@ -58,8 +58,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, help="searches of each problem")
     parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
+    parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
     given = parser.parse_args()
-    PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or ())
+    PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES once, with {given.most} rollouts."}

@@ -9,15 +9,17 @@ asked to minimise goal + 30 x excess. Where every run diverges with the configur
 of our screening.
 
 `python -m benchmarks problems --seeds 5 --most 20000 --only agv late`; without options one seed and `MOST`.
+`--scheduler local:4` shares the problems among workers.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import multiprocessing
+import pickle
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -160,14 +162,38 @@ def solved(problem: Any) -> tuple[dict[str, Any], Any]:
     return row, outcome.problem.tuner
 
 
-def measure(seeds: int = 1, most: int = MOST, only: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """By problem the best of each method, ours relative to the best of anybody's, price and verdict."""
-    rows = []
-    for name in only or POSED:
-        with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-            rows.append(compared(name, pool.apply(attempts, (name, seeds, most))))
-        print(rows[-1], flush=True)
-    return rows
+def measure(
+    seeds: int = 1, most: int = MOST, only: Sequence[str] = (), scheduler: str | None = None
+) -> list[dict[str, Any]]:
+    """By problem the best of each method, ours relative to the best of anybody's, price and verdict.
+
+    Problem after problem, each in a process of its own; or by workers, `scheduler` as of `agvjax sweep`.
+    """
+    import jax
+
+    from tuning.compute import schedule
+    from tuning.compute.jobs import Jobs
+
+    jax.config.update("jax_enable_x64", True)  # as in `attempts`: workers are set as this process is
+    names, rows = tuple(only or POSED), {}
+    jobs = Jobs("problem", lambda number: _apart(names[number], seeds, most), prepare, (names, seeds, most))
+    with schedule.opened(scheduler, print) as engine:
+        for number, data in engine.each(jobs, range(len(names))):
+            rows[number] = compared(names[number], pickle.loads(data))
+            print(rows[number], flush=True)
+    return [rows[number] for number in sorted(rows)]
+
+
+def prepare(about: tuple[tuple[str, ...], int, int]) -> Callable[[int], bytes]:
+    """What solves the problem of a number, in a worker."""
+    names, seeds, most = about
+    return lambda number: pickle.dumps(attempts(names[number], seeds, most))
+
+
+def _apart(name: str, seeds: int, most: int) -> bytes:
+    """A problem, in a process of its own."""
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        return pickle.dumps(pool.apply(attempts, (name, seeds, most)))
 
 
 def compared(name: str, runs: list[dict[str, Any]]) -> dict[str, Any]:

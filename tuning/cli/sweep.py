@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .. import config as configuration
 from ..compute import schedule
+from ..compute.jobs import Engine, Jobs, WorkFailed
 from ..config.codecs import Toml
 from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
@@ -28,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan, laws = work.planned(config), named(config, arguments.imports)
     manifest = work.manifest_of(config, plan, laws)
     with contextlib.ExitStack() as ours:
-        ours.enter_context(failing((schedule.WorkFailed,)))
+        ours.enter_context(failing((WorkFailed,)))
         before = begun(arguments, console, manifest, ours)
         warn(console, config, "sweep", moving=moving(config))
         if arguments.process_id is not None or arguments.num_processes is not None:
@@ -51,8 +52,8 @@ def _fill(
     out: Path,
     manifest: shards.Manifest,
     missing: Sequence[int],
-    made: schedule.Jobs[Parcel],
-    engine: schedule.Engine,
+    made: Jobs[Parcel],
+    engine: Engine,
     console: Console,
 ) -> None:
     """Compute the missing shards, and say how far that is."""
@@ -60,7 +61,7 @@ def _fill(
         phase, ticks = phases.begin("rolling out", manifest.size, "scenarios", scale=True), itertools.count()
         try:
             fill(out, manifest, missing, made, engine, lambda n: phase.advance(n, before=next(ticks) == 0))
-        except (OSError, schedule.WorkFailed) as error:
+        except (OSError, WorkFailed) as error:
             why = f"a shard could not be written ({error})" if isinstance(error, OSError) else str(error)
             done = f"{sum(shards.path_of(out, i).exists() for i in range(manifest.shards))} of {manifest.shards}"
             raise RunFailed(f"{why}; {done} are kept in {out}: repeat the same command, it continues") from error

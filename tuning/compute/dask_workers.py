@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import contextlib
 import importlib
 import logging
@@ -11,14 +10,14 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import dask
+from dask import config as dask_config
 from distributed import Client, Future, KilledWorker, LocalCluster, Security, as_completed
 from distributed.deploy.cluster import Cluster
 
 from agvjax import Fault, InputError
 
 from . import deaf, worker
-from .schedule import Jobs, T, WorkFailed
+from .jobs import Jobs, T, WorkFailed
 
 ANSWER = 30  # s in which a scheduler must answer
 NOTHING = logging.CRITICAL + 1  # of its logs: what matters is said here, and workers that go are no news to it
@@ -72,9 +71,9 @@ def _result(task: Future, job: str) -> bytes:
     except KilledWorker as error:
         deaths = error.allowed_failures + 1
         raise WorkFailed(f"{job}: {deaths} workers died while they computed it") from error
-    except concurrent.futures.CancelledError as error:
-        raise WorkFailed("the scheduler was lost, or what was asked of it was cancelled") from error
-    except Exception as error:  # whatever a job raises there
+    except Exception as error:
+        if task.status != "error":  # cancelled, or the connection broke while the bytes came
+            raise WorkFailed("the scheduler was lost, or what was asked of it was cancelled") from error
         raise WorkFailed(f"{job} failed on a worker: {type(error).__name__}: {str(error)[:MOST]}") from error
 
 
@@ -100,7 +99,7 @@ def _cluster(kind: str, count: int, key: str) -> Cluster:
         # encrypted, or anybody with an account on this machine could have his code executed; and no pages of its own
         more: dict[str, Any] = {"silence_logs": NOTHING, "preload": deaf.__name__, "security": Security.temporary()}
         more["scheduler_kwargs"] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-        with dask.config.set({"distributed.scheduler.http.routes": []}):
+        with dask_config.set({"distributed.scheduler.http.routes": []}):
             return LocalCluster(n_workers=count, threads_per_worker=1, **more)
     if kind == "kubernetes":
         return importlib.import_module("dask_kubernetes.operator").KubeCluster(n_workers=count, quiet=True)

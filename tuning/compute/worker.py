@@ -15,7 +15,7 @@ import agvjax
 from agvjax.engine import xla
 
 from . import compiled
-from .schedule import Jobs, Make, T
+from .jobs import Jobs, Make, T
 
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 DEVICES = "--xla_force_host_platform_device_count"  # a worker has one: others have the other cores

@@ -12,6 +12,7 @@ from agvjax.protocols import Law
 
 from .. import config as configuration
 from ..compute import schedule
+from ..compute.jobs import Engine, Jobs, Make
 from ..config.load import said
 from ..config.settings import Config
 from ..io import files
@@ -43,7 +44,7 @@ def run_sweep(
     Raises:
         agvjax.InputError: lists every bad setting; or another process is at work in the folder.
         ValueError: the folder holds another sweep.
-        tuning.compute.schedule.WorkFailed: workers failed; what is in the folder is whole, and the same call goes on.
+        tuning.compute.jobs.WorkFailed: workers failed; the same call goes on.
     """
     laws = {"configured": config.controller} if laws is None else dict(laws)
     config = configuration.check(config, faults)
@@ -54,25 +55,28 @@ def run_sweep(
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
         if (folder / shards.MANIFEST).exists():
-            try:
-                manifest = shards.taken_up(shards.read_manifest(folder), manifest)
-            except ValueError as error:
-                raise ValueError(f"{folder} holds another sweep: {error}") from error
+            manifest = _taken_up(folder, manifest)
         else:
             shards.write_manifest(folder, manifest)
-        sent = parcel(manifest, imports)
         every = work.judges(config, plan, list(laws.values()), manifest.block, None if scheduler is None else 1)
         missing = shards.missing(folder, manifest, plan.leaf_shapes, said)
-        fill(folder, manifest, missing, jobs(sent, plan, every), engine)
+        fill(folder, manifest, missing, jobs(parcel(manifest, imports), plan, every), engine)
     return results.collect(folder, manifest, config, plan)
+
+
+def _taken_up(folder: Path, manifest: Manifest) -> Manifest:
+    try:
+        return shards.taken_up(shards.read_manifest(folder), manifest)
+    except ValueError as error:
+        raise ValueError(f"{folder} holds another sweep: {error}") from error
 
 
 def fill(
     folder: Path,
     manifest: Manifest,
     missing: Sequence[int],
-    jobs: schedule.Jobs[Parcel],
-    engine: schedule.Engine,
+    jobs: Jobs[Parcel],
+    engine: Engine,
     tick: Callable[[int], None] = lambda scenarios: None,
 ) -> None:
     """Compute shards and write them; this process alone writes in the folder.
@@ -111,7 +115,7 @@ def parcel(manifest: Manifest, imports: Sequence[str] = ()) -> Parcel:
     return Parcel(manifest, tuple((Path(name).name, files.content(Path(name))) for name in imports))
 
 
-def jobs(parcel: Parcel, plan: Design, every: Sequence[work.Judge]) -> schedule.Jobs[Parcel]:
+def jobs(parcel: Parcel, plan: Design, every: Sequence[work.Judge]) -> Jobs[Parcel]:
     """The shards of a sweep as jobs.
 
     Args:
@@ -119,10 +123,10 @@ def jobs(parcel: Parcel, plan: Design, every: Sequence[work.Judge]) -> schedule.
         plan: its scenarios.
         every: what judges them in this process, one for each controller.
     """
-    return schedule.Jobs("shard", functools.partial(work.shard, parcel.manifest, plan, every), prepare, parcel)
+    return Jobs("shard", functools.partial(work.shard, parcel.manifest, plan, every), prepare, parcel)
 
 
-def prepare(parcel: Parcel) -> schedule.Make:
+def prepare(parcel: Parcel) -> Make:
     """What makes the shards of a sweep in a process that was sent it."""
     manifest, (config, laws) = parcel.manifest, _read(parcel)
     plan = results.plan_of(manifest, config)

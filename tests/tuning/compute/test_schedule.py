@@ -7,7 +7,7 @@ import pytest
 from agvjax import InputError
 from parts import deadly, squares
 from tuning.compute import schedule, worker
-from tuning.compute.schedule import Here, Jobs, WorkFailed
+from tuning.compute.jobs import Here, Jobs, WorkFailed
 
 pytest.importorskip("distributed")
 

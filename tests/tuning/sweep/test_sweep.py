@@ -16,7 +16,7 @@ from agvjax import Scenario
 from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Times, Tune
 from tuning import config as configuration
-from tuning.compute.schedule import Here
+from tuning.compute.jobs import Here
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Search, Sweep
 from tuning.ensemble.draws import Span, uniform
