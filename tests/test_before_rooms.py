@@ -116,6 +116,16 @@ def test_an_old_sweep_is_loaded_and_completed_to_the_same_findings(sweep, tmp_pa
     same(*findings, 10)
 
 
+def test_a_sweep_half_done_by_claims_goes_on_without_them(tmp_path):
+    old, out = ROOT / "tests" / "data" / "shared-sweep", tmp_path / "run"
+    shutil.copytree(old / "half", out)
+    kept = {name: (out / name).read_bytes() for name in ("shard-00000.npz", "shard-00001.npz")}
+    run(arguments("sweep", out, (), "--config", old / "half" / "config.toml", "--resume"))
+    assert {name: (out / name).read_bytes() for name in kept} == kept
+    assert len(list(out.glob("shard-*.npz"))) == 5 and not list(out.glob("*.claim"))
+    same(*(numbers(json.loads((folder / "findings.json").read_text())) for folder in (out, old)), 10)
+
+
 def test_a_run_of_before_is_told_when_it_would_be_judged_otherwise():
     old = "[simulate]\nhorizon = 12.0\n"
     usual = "criteria.late = 4.0\ncriteria.band = 0.05\ncriteria.margin = 1.0\n"
