@@ -99,7 +99,7 @@ def _cluster(kind: str, count: int, key: str) -> Cluster:
         # encrypted, or anybody with an account on this machine could have his code executed; and no pages of its own
         more: dict[str, Any] = {"silence_logs": NOTHING, "preload": deaf.__name__, "security": Security.temporary()}
         more["scheduler_kwargs"] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
-        with dask_config.set({"distributed.scheduler.http.routes": []}):
+        with dask_config.set({"distributed.scheduler.http.routes": [], "distributed.worker.profile.enabled": False}):
             return LocalCluster(n_workers=count, threads_per_worker=1, **more)
     if kind == "kubernetes":
         return importlib.import_module("dask_kubernetes.operator").KubeCluster(n_workers=count, quiet=True)

@@ -25,7 +25,8 @@ class Jobs(NamedTuple, Generic[T]):
         name: what one of them is called in messages, "shard".
         here: makes one, in this process.
         prepare: makes the same of `about` in another process, once in each: what is compiled serves all its jobs. A
-            function of a module, which is sent by its name; JAX is set there as it is here (precision, options).
+            function of a module, which is sent by its name. JAX is set there as it is here (precision, options, number
+            of devices): `evaluate` with `devices=1` leaves the cores of other workers alone.
         about: plain data that `pickle` takes, without arrays of JAX.
     """
 

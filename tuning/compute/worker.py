@@ -18,13 +18,14 @@ from . import compiled
 from .jobs import Jobs, Make, T
 
 PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
-DEVICES = "--xla_force_host_platform_device_count"  # a worker has one: others have the other cores
+DEVICES = "--xla_force_host_platform_device_count"  # said to JAX by itself
 
 
 class Order(NamedTuple):
     """What is to be made, and how JAX was set where it was asked for."""
 
     x64: bool
+    devices: int  # of JAX there: what is compiled for one of so many is kept for all processes of a machine
     options: tuple[str, ...]  # of the compiler
     facts: tuple[tuple[str, str], ...]
     parcel: bytes  # `prepare` and `about` of the jobs, unpacked when JAX is set
@@ -33,7 +34,7 @@ class Order(NamedTuple):
 def order(jobs: Jobs[T]) -> Order:
     """The order of jobs that this process asks for."""
     parcel = pickle.dumps((jobs.prepare, jobs.about))
-    return Order(bool(jax.config.read("jax_enable_x64")), _options(), _facts(), parcel)
+    return Order(bool(jax.config.read("jax_enable_x64")), jax.local_device_count(), _options(), _facts(), parcel)
 
 
 def job(order: Order, number: int) -> bytes:
@@ -59,7 +60,7 @@ _ONE = threading.Lock()
 def _made(order: Order) -> Make:
     if not xla.started():
         os.environ["XLA_FLAGS"] = " ".join(order.options)
-        jax.config.update("jax_num_cpu_devices", 1)
+        jax.config.update("jax_num_cpu_devices", order.devices)
     compiled.keep_compiled()
     theirs, ours = (
         {**dict(facts), "XLA_FLAGS": " ".join(x)} for facts, x in ((order.facts, order.options), (_facts(), _options()))
