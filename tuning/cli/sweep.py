@@ -10,7 +10,6 @@ from pathlib import Path
 from agvjax import Fault, InputError
 
 from .. import config as configuration
-from ..config.codecs import Toml
 from ..config.old import counts_first_command
 from ..io import files
 from ..io.numbers import INTEGER
@@ -18,7 +17,8 @@ from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
 from ..sweep.rules import faults, moving
-from .axes import axis
+from . import rare
+from .axes import swept
 from .console import Console, RunFailed
 from .folders import new_folder, not_empty
 from .prepare import configure, rank_and_count, warn
@@ -28,7 +28,9 @@ PLACES = ("SLURM_ARRAY_TASK_ID", "SLURM_PROCID", "JOB_COMPLETION_INDEX")
 
 def run(arguments: argparse.Namespace) -> int:
     """Take shards until none is missing; whoever finishes last writes the report."""
-    config, console = configure(arguments, faults, _more(arguments), moving)
+    if arguments.rare:
+        return rare.run(arguments)
+    config, console = configure(arguments, faults, swept(arguments), moving)
     plan, laws = work.planned(config), named(config, arguments.imports)
     place = _place(arguments)
     manifest = work.manifest_of(config, plan, laws)
@@ -53,15 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
             raise RunFailed(f"{text}: fix that and repeat the same command, it continues") from error
     conclude(config, out, manifest, plan, laws, judges, console.say)
     return 0
-
-
-def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
-    """Settings of the options that only this command has."""
-    options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
-    options |= {"samples": arguments.samples, "design": arguments.design}
-    if arguments.over or arguments.ensemble:
-        options["over"] = [axis(text) for text in arguments.over]
-    return {f"sweep.{name}": value for name, value in options.items() if value is not None}
 
 
 def _place(arguments: argparse.Namespace) -> float:

@@ -170,7 +170,8 @@ class Design(NamedTuple):
             tied[places[name]] = together(shares[[places[leaf] for leaf in there]], factor[there.index(name)].tolist())
         return tied
 
-    def split(self, values: Leaves) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike]]:
+    @staticmethod
+    def split(values: Leaves) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike]]:
         """Leaves of the controller, by their names in it, and of the scenario."""
         law = {leaf.removeprefix(LAW): x for leaf, x in values.items() if leaf.startswith(LAW)}
         return law, {leaf: x for leaf, x in values.items() if not leaf.startswith(LAW)}

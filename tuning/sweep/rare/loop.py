@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,8 @@ from .problem import FARTHEST, NEAREST, Problem
 BLOCK, CLIMB = 512, 16  # vehicles rolled out together, and with their tangents; the last block repeats one
 SIDE = 1e-3  # of a normal number, either way, for the slope of a leaf in it
 
-Rollout = Callable[[Leaves], tuple[Array, Array]]  # leaves of B vehicles -> metrics over bounds (M, B), ok (B,)
+Judge = Callable[[Leaves], dict[str, Array]]  # leaves of B vehicles -> `ok` and metrics (B,)
+Rollout = Callable[[Leaves], tuple[Array, Array]]  # leaves of B vehicles -> metrics (M, B), ok (B,)
 
 
 def vehicles(plan: Design, u: np.ndarray) -> dict[str, np.ndarray]:
@@ -49,7 +50,7 @@ def problem(
         bounds: beyond which a run has failed, by metric.
         tick: called with the number of vehicles that were rolled out.
     """
-    rollout = _rollout(config, plan, agvjax.check(law), bounds)
+    rollout = functools.partial(_rollout, judge(config, plan, agvjax.check(law), tuple(bounds)))
     looking, climbing = jax.jit(rollout), jax.jit(functools.partial(_climb, rollout))
     limits = np.array(list(bounds.values()))
 
@@ -76,10 +77,11 @@ def problem(
     return Problem(len(plan.sampled), look, climb)
 
 
-def _rollout(config: Config, plan: Design, law: Law, bounds: Mapping[str, float]) -> Rollout:
-    criteria = agvjax.Criteria.of(tuple(bounds), like=config.judged())
+def judge(config: Config, plan: Design, law: Law, names: Sequence[str]) -> Judge:
+    """What makes `ok` and the named metrics (n,) of leaves (n, ...)."""
+    criteria = agvjax.Criteria.of(tuple(names), like=config.judged())
 
-    def rollout(leaves: Leaves) -> tuple[Array, Array]:
+    def judged(leaves: Leaves) -> dict[str, Array]:
         lawful, values = plan.split(leaves)
         metrics = agvjax.evaluate(
             agvjax.batch(law, lawful) if lawful else law,
@@ -87,10 +89,15 @@ def _rollout(config: Config, plan: Design, law: Law, bounds: Mapping[str, float]
             criteria=criteria,
             **config.timing("sweep"),
         )
-        rows = [metrics[name] for name in bounds]
-        return (jnp.stack(rows) if rows else jnp.zeros((0, *metrics.ok.shape))), metrics.ok
+        return {"ok": metrics.ok, **{name: metrics[name] for name in names}}
 
-    return rollout
+    return judged
+
+
+def _rollout(judged: Judge, leaves: Leaves) -> tuple[Array, Array]:
+    found = judged(leaves)
+    rows = [x for name, x in found.items() if name != "ok"]
+    return (jnp.stack(rows) if rows else jnp.zeros((0, *found["ok"].shape))), found["ok"]
 
 
 def _climb(rollout: Rollout, leaves: Leaves, tangents: Leaves) -> tuple[Array, Array, Array]:

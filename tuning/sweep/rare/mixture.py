@@ -39,7 +39,7 @@ class Mixture(NamedTuple):
         return np.concatenate([[PLAIN, WIDE], (1 - PLAIN - WIDE) * self.shares])
 
     def draw(self, seed: int, stream: str, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The draws u (count, D) from number `first`, and which are plain (count,); keyed by seed, stream and number."""
+        """Draws u (count, D) from number `first`, and which are plain (count,); keyed by seed, stream and number."""
         size = self.points.shape[1]
         shares = uniform(seed, f"{stream}#rare", count, size + 1, first)
         part = np.searchsorted(np.cumsum(self.parts)[:-1], shares[:, 0], side="right")
@@ -62,7 +62,7 @@ class Mixture(NamedTuple):
         return np.exp(-logsumexp(self.ratios(u), axis=0, b=self.parts[:, None]))
 
     def learned(self, u: np.ndarray, weights: np.ndarray) -> Mixture:
-        """With the shares that failures u (n, D) of these `weights` come from (one step of the cross-entropy method)."""
+        """With the shares that failures u (n, D) of these `weights` come from (a step of the cross-entropy method)."""
         ratios = self.ratios(u)[2:]
         parts = np.exp(ratios - ratios.max(axis=0)) * self.shares[:, None]
         return Mixture.about(self.points, (parts / parts.sum(axis=0)) @ weights)

@@ -68,7 +68,6 @@ class _Draws:
         return normal(shares)
 
 
-
 def _walk(
     problem: Problem, u: np.ndarray, levels: np.ndarray, bar: float, step: float, draws: _Draws
 ) -> tuple[np.ndarray, np.ndarray, float]:

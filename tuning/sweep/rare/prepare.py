@@ -13,7 +13,9 @@ from .problem import Problem
 
 POPULATION, ROUND = 50, 25  # one in so many of all rollouts are a level of the pilot, and a round of trial draws
 LEAST = 256  # of either
-SEARCHED = 10  # one in so many of all rollouts may go into the searches by gradients, and again into those for more points
+SEARCHED = (
+    10  # one in so many of all rollouts may go into the searches by gradients, and again into those for more points
+)
 STARTS = 8  # of searches from failures, and as many from the worst of plain draws
 ROUNDS = 5  # of trial draws at most
 MOST_POINTS = 16
@@ -114,4 +116,4 @@ def _missing(problem: Problem, trial: _Trial, seen: np.ndarray, rollouts: int) -
         return candidates
     points = nearest.search(problem, candidates, rollouts)
     known = trial.mixture.points
-    return nearest.distinct(points, MOST_POINTS, known)[len(known):]
+    return nearest.distinct(points, MOST_POINTS, known)[len(known) :]

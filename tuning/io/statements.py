@@ -1,0 +1,48 @@
+"""The four kinds of claim that a report may make, each in its own words, which mean the same in every report."""
+
+from __future__ import annotations
+
+CONFIDENCE = 0.95
+FOUND = "worst found"
+PROVED = "proved"
+PROBABLE = "with probability"
+MEANING = {
+    FOUND: "the largest value that a search met; the true worst is at least as large, and no search bounds it",
+    PROVED: "follows from the equations, for all that they assume, without samples",
+    PROBABLE: (
+        f"of a vehicle drawn at random as the ensemble says; {CONFIDENCE:.0%} is the confidence of the bound, which"
+        " holds for the number of runs made"
+    ),
+}
+
+
+def worst_of(count: int) -> str:
+    """`worst of 256`: of so many random draws."""
+    return f"worst of {count}"
+
+
+def exceeding(count: int) -> float:
+    """The largest share of all draws that may exceed the largest of `count` of them, with 95 % confidence.
+
+    A share s lies above the largest of n independent draws with a chance of (1 - s)^n, which is 5 % at 1 - .05^(1/n)
+    (Wilks, Annals of Mathematical Statistics 12, 1941).
+    """
+    return 1 - (1 - CONFIDENCE) ** (1 / count)
+
+
+def of_draws(count: int) -> str:
+    """What `worst of` so many random draws says."""
+    return (
+        f"{worst_of(count)}: the largest of {count} random draws; with {CONFIDENCE:.0%} confidence at most"
+        f" {exceeding(count):.2g} of all draws exceed it"
+    )
+
+
+def of_kind(kind: str) -> str:
+    """What one of `FOUND`, `PROVED`, `PROBABLE` means, with its name before it."""
+    return f"{kind}: {MEANING[kind]}"
+
+
+def said(*sentences: str) -> str:
+    """The line of a report that says what its words mean."""
+    return "What the words mean: " + "; ".join(sentences) + "."
