@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -47,8 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _folder(arguments: argparse.Namespace, config: Config) -> Path:
     """A new folder, or that of the same search."""
-    begun = arguments.out is not None and (Path(arguments.out) / "config.toml").exists()
-    if begun and (Path(arguments.out) / shards.MANIFEST).exists():
-        raise not_empty(Path(arguments.out), arguments.command)
+    out = Path(arguments.out or os.devnull)
+    begun = (out / "config.toml").exists()
+    if begun and (out / shards.MANIFEST).exists():
+        raise not_empty(out, arguments.command)
     make = same_folder if arguments.resume or begun else new_folder
     return make(arguments.out, arguments.command, config)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 CONFIDENCE = 0.95
+PERCENT = f"{100 * CONFIDENCE:g} %"
 FOUND = "worst found"
 PROVED = "proved"
 PROBABLE = "with probability"
@@ -10,7 +11,7 @@ MEANING = {
     FOUND: "the largest value that a search met; the true worst is at least as large, and no search bounds it",
     PROVED: "follows from the equations, for all that they assume, without samples",
     PROBABLE: (
-        f"of a vehicle drawn at random as the ensemble says; {CONFIDENCE:.0%} is the confidence of the bound, which"
+        f"of a vehicle drawn at random as the ensemble says; {PERCENT} is the confidence of the bound, which"
         " holds for the number of runs made"
     ),
 }
@@ -33,7 +34,7 @@ def exceeding(count: int) -> float:
 def of_draws(count: int) -> str:
     """What `worst of` so many random draws says."""
     return (
-        f"{worst_of(count)}: the largest of {count} random draws; with {CONFIDENCE:.0%} confidence at most"
+        f"{worst_of(count)}: the largest of {count} random draws; with {PERCENT} confidence at most"
         f" {exceeding(count):.2g} of all draws exceed it"
     )
 

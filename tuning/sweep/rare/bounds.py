@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-CONFIDENCE = 0.95
+from ...io.statements import CONFIDENCE
+
 LARGEST_BET = 0.75  # of what would be ruin at the worst outcome
 PRIOR_COUNT = 1000  # runs that the variance of a pilot counts as, at most
 HALVINGS = 80

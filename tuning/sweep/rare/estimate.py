@@ -63,7 +63,7 @@ def estimate(prepared: Prepared, draws: Drawn, tail: float) -> Estimate:
     """
     weights = draws.weights * draws.failed
     inside = np.where(draws.weights <= prepared.cut, weights, 0.0)
-    known = (prepared.cut, prepared.variance, prepared.count)
+    known = (prepared.cut, prepared.variance, prepared.tried)
     plain = int(draws.plain.sum())
     plain_failures = int((draws.plain & draws.failed).sum())
     made = Estimate(

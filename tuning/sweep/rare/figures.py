@@ -15,7 +15,8 @@ from .study import Outcome, Study
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BARS, POINTS = 12, 4  # numbers shown, and failures beside each other
+BARS, POINTS = 12, 3  # numbers shown, and failures beside each other
+LEAST = 0.005  # share of a number that is shown
 DOTS = 4000  # draws shown of either kind
 
 
@@ -34,8 +35,9 @@ def importance(asked: Study, outcome: Outcome) -> Figure:
     points = outcome.points[:POINTS]
     shares = np.array([point.importance for point in points])  # (P, D)
     order = np.argsort(-shares.max(axis=0), kind="stable")[:BARS]
+    order = order[shares.max(axis=0)[order] >= LEAST]
     names = [asked.plan.sampled[i].name.replace("+", "\nwith ") for i in order]
-    figure = plot.sheet((8.0, 1.4 + 0.34 * len(order) * max(1.0, 0.5 * len(points))))
+    figure = plot.sheet((8.0, 1.4 + 0.2 * len(order) * (1 + len(points)) / 2))
     axes = figure.subplots()
     height = 0.8 / len(points)
     for number, (point, row) in enumerate(zip(points, shares, strict=True)):
@@ -58,10 +60,10 @@ def failures(asked: Study, outcome: Outcome) -> Figure:
         axes.plot(u[:, first], u[:, second], ".", ms=2, color=colour, label=f"{label} ({len(u)} shown)")
     axes.plot(0, 0, "*", ms=12, mfc="white", mec="black", label="middle of the ensemble")
     for number, point in enumerate(outcome.points[:POINTS]):
-        axes.plot(*point.u[[first, second]], "o", ms=7, mfc="none", mec="black")
-        axes.annotate(str(number), point.u[[first, second]], xytext=(5, 5), textcoords="offset points")
-    names = (asked.plan.sampled[i].name for i in (first, second))
-    x, y = (f"{name} [standard deviations of the normal number behind]" for name in names)
-    axes.set(xlabel=x, ylabel=y)
+        x, y = float(point.u[first]), float(point.u[second])
+        axes.plot(x, y, "o", ms=7, mfc="none", mec="black")
+        axes.annotate(str(number), (x, y), xytext=(6, 6), textcoords="offset points", fontweight="bold")
+    x, y = (asked.plan.sampled[i].name.replace("+", "\nwith ") for i in (first, second))
+    axes.set(xlabel=f"{x}, as a normal number", ylabel=f"{y}, as a normal number")
     axes.legend(fontsize=8, markerscale=1.5)
     return figure

@@ -28,10 +28,9 @@ class Mixture(NamedTuple):
         """About points that fail, nearer ones more often unless their `shares` are known."""
         size = points.shape[1]
         far = np.linalg.norm(points, axis=1)
-        if shares is None:
-            shares = np.exp(-(far**2 - far.min() ** 2) / 2)
-        shares = np.maximum(shares / shares.sum(), FLOOR)
-        return cls(points, shares / shares.sum(), max(1.0, float(far.min()) / np.sqrt(size)))
+        near = np.exp(-(far**2 - far.min() ** 2) / 2) if shares is None else shares
+        kept = np.maximum(near / np.sum(near), FLOOR)
+        return cls(points, kept / np.sum(kept), max(1.0, float(far.min()) / np.sqrt(size)))
 
     @property
     def parts(self) -> np.ndarray:
@@ -57,9 +56,9 @@ class Mixture(NamedTuple):
 
     def weights(self, u: np.ndarray) -> np.ndarray:
         """Density of the ensemble over that of the mixture, (n,): at most 1 / PLAIN."""
-        from scipy.special import logsumexp  # late: half a second that few runs need
-
-        return np.exp(-logsumexp(self.ratios(u), axis=0, b=self.parts[:, None]))
+        ratios = self.ratios(u)
+        largest = ratios.max(axis=0)  # so that nothing overflows
+        return np.exp(-largest) / (self.parts @ np.exp(ratios - largest))
 
     def learned(self, u: np.ndarray, weights: np.ndarray) -> Mixture:
         """With the shares that failures u (n, D) of these `weights` come from (a step of the cross-entropy method)."""

@@ -16,7 +16,6 @@ from ...io.pictures import write_figures
 from ...tune.meanings import of_metrics
 from .. import points
 from . import figures
-from .bounds import CONFIDENCE
 from .study import Outcome, Study
 
 HOW = "How this was computed"
@@ -47,33 +46,32 @@ def write(asked: Study, outcome: Outcome, folder: Path) -> Told:
     lost = write_figures(folder, drawings)
     pictures = [picture(f"{name}.png", f"{CAPTIONS[name]}.") for name in drawings]
     publish(folder, page(asked, outcome, pictures, str(folder)), (HOW,))
-    brief = [*verdict(asked, outcome), _again(outcome, str(folder)), *lost]
+    brief = [*verdict(outcome), _again(outcome, str(folder)), *lost]
     refused = outcome.estimate.refused if outcome.estimate.failures else ()
     return Told("\n\n".join(filter(None, brief)), "; ".join(refused))
 
 
 def page(asked: Study, outcome: Outcome, pictures: Sequence[str], folder: str) -> str:
     """The whole report."""
-    blocks = ["# How likely is a failure?", _what(asked, outcome), *verdict(asked, outcome)]
+    blocks = ["# How likely is a failure?", _what(asked, outcome), *verdict(outcome)]
     blocks += [statements.said(statements.of_kind(statements.PROBABLE)), *pictures[:1]]
     if outcome.points:
         blocks += ["## The most likely failures", *_points(asked, outcome), _again(outcome, folder), *pictures[1:]]
-    blocks += ["## What a failure is", _failure(asked)]
-    blocks += [meanings(of_metrics(tuple(asked.bounds), asked.config.criteria))]
-    return "\n\n".join([*filter(None, blocks), f"## {HOW}", _how(asked, outcome)]) + "\n"
+    means = meanings(of_metrics(tuple(asked.bounds), asked.config.criteria))
+    return "\n\n".join([*filter(None, blocks), f"## {HOW}", _how(asked, outcome), means]).rstrip() + "\n"
 
 
 def _what(asked: Study, outcome: Outcome) -> str:
     names = ", ".join(axis.name for axis in asked.plan.sampled)
     return (
         f"{outcome.rollouts} rollouts, seed {asked.config.seed}, step {asked.config.sweep.dt:g} s. Drawn at random:"
-        f" {names}."
+        f" {names}. {_failure(asked)}"
     )
 
 
-def verdict(asked: Study, outcome: Outcome) -> list[str]:
+def verdict(outcome: Outcome) -> list[str]:
     """What may be said, with what it rests on; or why it is not said."""
-    made, level = outcome.estimate, f"{CONFIDENCE:.0%}"
+    made, level = outcome.estimate, statements.PERCENT
     plain = f"{made.plain_failures} of {made.plain_runs} plain draws failed"
     if not made.failures:
         return [
@@ -174,7 +172,7 @@ def as_json(asked: Study, outcome: Outcome) -> dict[str, object]:
     """`rare.json`."""
     prepared = {name: x for name, x in outcome.prepared._asdict().items() if name != "mixture"}
     return {
-        "confidence": CONFIDENCE,
+        "confidence": statements.CONFIDENCE,
         "bounds": asked.bounds,
         **outcome.estimate._asdict(),
         "stated": outcome.estimate.bound,

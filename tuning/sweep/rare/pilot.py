@@ -42,15 +42,17 @@ def pilot(problem: Problem, population: int, seed: int) -> Pilot:
     plain_levels = problem.levels(plain)
     u, levels, probability, step = plain, plain_levels, 1.0, FIRST_STEP
     for _ in range(MOST_LEVELS):
-        order = np.argsort(-levels, kind="stable")[: population // KEPT]
+        kept = population // KEPT
         failing = levels > 0
-        bar = float(levels[order[-1]])
-        if failing.sum() >= len(order):
+        bar = float(np.sort(levels)[-kept])
+        if failing.sum() >= kept:
             break
         if not np.isfinite(bar) or bar >= levels.max():  # nothing lies higher: there is no way up
             break
-        probability *= float((levels >= bar).mean())
-        u, levels, step = _walk(problem, u[order], levels[order], bar, step, draws)
+        above = np.flatnonzero(levels >= bar)  # more than are kept where levels are equal: then some of all
+        begin = above[np.linspace(0, len(above) - 1, kept).round().astype(int)]
+        probability *= len(above) / len(levels)
+        u, levels, step = _walk(problem, u[begin], levels[begin], bar, step, draws)
     failing = levels > 0
     return Pilot(plain, plain_levels, u[failing], probability * float(failing.mean()))
 

@@ -32,7 +32,7 @@ class Prepared(NamedTuple):
     cut: float  # largest weight in the region
     probability: float  # of the last trial round
     variance: float  # of a weighted failure there
-    count: int  # draws of that round
+    tried: int  # draws of that round
     pilot: float  # probability by subset simulation; 0: it met no failure
     covered: float  # share of the pilot's failures that lie in the region; NaN: it met none
     draws: int  # left for the estimate

@@ -53,4 +53,4 @@ class Problem:
 
 def within(u: np.ndarray) -> np.ndarray:
     """Which draws are rolled out, (n,)."""
-    return (np.abs(u) <= FARTHEST).all(axis=1)
+    return np.all(np.abs(u) <= FARTHEST, axis=1)

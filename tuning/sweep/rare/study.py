@@ -27,9 +27,11 @@ from .problem import Problem, within
 from .rules import faults
 
 FOUND, DRAWS = "rare-search", "rare-draws"  # files: what was prepared; the draws, chunk by chunk
-SHOWN = 10  # most likely failures that are kept
+REAL = ("cut", "probability", "variance", "pilot", "covered")  # numbers of what was prepared
+SHOWN = 6  # most likely failures that are kept
 Arrays = dict[str, np.ndarray]
-Said, Counted = Callable[[str], None], Callable[[int], None]
+Said = Callable[[str], None]
+Counted = Callable[[int], None]
 
 
 def silent(text: str) -> None:
@@ -194,9 +196,9 @@ def _arrays(prepared: Prepared) -> dict[str, ArrayLike]:
 
 def _prepared(arrays: Arrays) -> Prepared:
     mixture = Mixture(arrays["mixture/points"], arrays["mixture/shares"], float(arrays["mixture/wide"]))
-    whole = ("count", "draws", "spent")
-    rest = {name: arrays[name].item() for name in Prepared._fields if name != "mixture"}
-    return Prepared(mixture, **{name: int(x) if name in whole else float(x) for name, x in rest.items()})
+    tried, draws, spent = (int(arrays[name]) for name in ("tried", "draws", "spent"))
+    cut, mean, variance, pilot, covered = (float(arrays[name]) for name in REAL)
+    return Prepared(mixture, cut, mean, variance, tried, pilot, covered, draws, spent)
 
 
 def _write(path: Path, digest: str, arrays: Mapping[str, ArrayLike]) -> None:
