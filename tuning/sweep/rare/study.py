@@ -92,7 +92,7 @@ def posed(config: Config, tick: Counted = uncounted) -> Study:
     plan = design(config)
     judged = loop.judge(config, plan, agvjax.check(config.controller), recorded(config))
     bounds = verdict.bounds_of(config, plan, judged, 1)
-    text = configuration.dump(config)
+    text = configuration.dump(config, strict=False) + configuration.gains_table(config.controller)
     digest = hashlib.sha256(text.encode()).hexdigest()[:32]
     return Study(config, plan, bounds, judged, loop.problem(config, plan, config.controller, bounds, tick), digest)
 
