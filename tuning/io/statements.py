@@ -1,4 +1,4 @@
-"""The four kinds of claim that a report may make, each in its own words, which mean the same in every report."""
+"""The kinds of claim that a report may make, each in its own words, which mean the same in every report."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ PERCENT = f"{100 * CONFIDENCE:g} %"
 FOUND = "worst found"
 PROVED = "proved"
 PROBABLE = "with probability"
+INTERVAL = f"{PERCENT} interval"
+NAMED = "worst before a metric, in goals and limits: the largest of the runs that the sentence or the section is about"
 MEANING = {
     FOUND: "the largest value that a search met; the true worst is at least as large, and no search bounds it",
     PROVED: "follows from the equations, for all that they assume, without samples",
@@ -14,6 +16,7 @@ MEANING = {
         f"of a vehicle drawn at random as the ensemble says; {PERCENT} is the confidence of the bound, which"
         " holds for the number of runs made"
     ),
+    INTERVAL: f"of many such intervals {PERCENT} hold the true value, if the model is right",
 }
 
 
@@ -31,16 +34,21 @@ def exceeding(count: int) -> float:
     return 1 - (1 - CONFIDENCE) ** (1 / count)
 
 
-def of_draws(count: int) -> str:
-    """What `worst of` so many random draws says."""
+def of_draws(count: int, name: str = "") -> str:
+    """What `worst of` so many random draws says; `name` is what a report calls it, if that is another."""
     return (
-        f"{worst_of(count)}: the largest of {count} random draws; with {PERCENT} confidence at most"
+        f"{name or worst_of(count)}: the largest of {count} random draws; with {PERCENT} confidence at most"
         f" {exceeding(count):.2g} of all draws exceed it"
     )
 
 
+def of_least(count: int, name: str) -> str:
+    """The same of the smallest, under the name that a report gives it."""
+    return of_draws(count, name).replace("largest", "smallest").replace("exceed it", "lie below it")
+
+
 def of_kind(kind: str) -> str:
-    """What one of `FOUND`, `PROVED`, `PROBABLE` means, with its name before it."""
+    """What `FOUND`, `PROVED`, `PROBABLE` or `INTERVAL` means, with its name before it."""
     return f"{kind}: {MEANING[kind]}"
 
 

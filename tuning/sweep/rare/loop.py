@@ -66,15 +66,20 @@ def problem(
         found, steep = [], []
         for rows in _blocks(len(u), CLIMB):
             values, ok, slopes = map(np.asarray, climbing(_cast(vehicles(plan, u[rows])), _tangents(plan, u[rows])))
-            levels = _levels(values, ok, limits)
-            found.append(levels)
-            first = np.argmax(np.nan_to_num(_ratios(values, limits), nan=np.inf), axis=0) if len(limits) else None
-            picked = slopes[:, first, np.arange(len(rows))] / limits[first] if first is not None else 0 * u[rows].T
-            steep.append(np.asarray(picked, float).T)
+            found.append(_levels(values, ok, limits))
+            steep.append(_steepest(values, slopes, limits))
             tick(min(CLIMB, len(u) - len(found) * CLIMB + CLIMB) * (1 + u.shape[1]))
         return np.concatenate(found)[: len(u)], np.concatenate(steep)[: len(u)]
 
     return Problem(len(plan.sampled), look, climb)
+
+
+def _steepest(values: np.ndarray, slopes: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Slopes (B, D) of the level: of the metric that is highest over its bound; 0 without bounds."""
+    if not len(limits):
+        return np.zeros((values.shape[1], len(slopes)))
+    first = np.argmax(np.nan_to_num(_ratios(values, limits), nan=np.inf), axis=0)
+    return np.asarray(slopes[:, first, np.arange(len(first))] / limits[first], float).T
 
 
 def judge(config: Config, plan: Design, law: Law, names: Sequence[str]) -> Judge:

@@ -188,7 +188,7 @@ def test_the_conclusion_is_that_of_numbers_known_by_hand():
         f"Smallest mean error within the budget: {LABELS['identified']}, 0.50 times that without a remedy (also tuned)"
     )
     assert "it uses up to 1.21 times a limit, no remedy 1.00" in said
-    assert first in said and "smaller on 100% of the vehicles, the worst is 0.50 times" in said
+    assert first in said and "smaller on 100% of the vehicles, the largest error is 0.50 times" in said
     assert f"Within 2 standard errors of no remedy: {LABELS['nominal']}." in said
     assert f"Worse than no remedy (ratio of mean errors): {LABELS['too_large']} 1.923." in said
     assert "wrong ones: 1.5 times the true ones 2.00; 0.5 times the true ones 1.00, 1 diverge times its error." in said
