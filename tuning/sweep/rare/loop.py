@@ -31,7 +31,7 @@ def vehicles(plan: Design, u: np.ndarray) -> dict[str, np.ndarray]:
     return plan.leaves(ndtr(np.clip(u, -FARTHEST, FARTHEST)))
 
 
-def problem(
+def problem(  # long: two functions that share what was compiled
     config: Config,
     plan: Design,
     law: Law,
