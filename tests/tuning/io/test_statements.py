@@ -5,18 +5,12 @@ import re
 
 import pytest
 
+from claimed import unqualified
 from commands import ROOT
 from tuning.io import statements
 
 SAYS = ("page", "tables", "words", "captions", "caveats", "figures", "place", "sentences")  # names of files that report
-# a statistic of a goal or a limit is called as its key is, with the metric after it: `worst total_rmse`
-QUALIFIED = re.compile(r"\b[Ww]orst(?= found| of (?:\d|\{\})|\.json|\.png| [a-z]+_[a-z]+)")
 CLAIMED = {"worst found": statements.FOUND, "proved": statements.PROVED, "with probability": statements.PROBABLE}
-
-
-def unqualified(text):
-    """Words of a report that claim something and do not say which kind of claim it is."""
-    return re.findall(r".{0,30}\bworst\b.{0,20}", QUALIFIED.sub("", text), re.I)
 
 
 def told(path):
@@ -50,6 +44,18 @@ def test_the_search_for_such_words_finds_what_there_is():
     assert unqualified("mean and worst error") and unqualified("in the worst case") and unqualified("worst, tuned")
     assert not unqualified("worst found in the box") and not unqualified("worst of 256 before") and not unqualified("")
     assert not unqualified("worst total_rmse misses its limit") and not unqualified("it is in worst.json")
+
+
+OWN_LINE = [  # every kind of report, by what writes it
+    "tune/page", "sweep/page", "sweep/rare/page", "identify/page", "studies/speed/page", "studies/laws/page",
+    "studies/laws/followers_page", "studies/remedies/page", "studies/margins/page", "studies/vehicles/page",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OWN_LINE)
+def test_every_report_has_its_own_line_of_what_its_words_mean(name):
+    text = (ROOT / "tuning" / f"{name}.py").read_text()
+    assert re.search(r"statements\.said\(|said_of\(|tables\.words\(", text)
 
 
 def test_each_kind_of_claim_has_one_meaning_and_its_own_words():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy import stats
 
 import agvjax
 from agvjax import InputError
+from claimed import meant, unqualified
 from commands import contents
 from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Tune
@@ -133,7 +135,9 @@ def test_a_search_says_one_probability_and_shows_its_most_likely_failure(searche
     assert 0 < found["low"] < found["probability"] < found["high"] < 0.2
     assert sum(found["points"][0]["importance"].values()) == pytest.approx(1)
     text = (out / "report.md").read_text()
-    assert text.count("With probability at most") == 1 and f"{found['high']:.3g}" in text
+    assert meant(text) == ["with probability"] and not unqualified(text)
+    assert text.count("With probability at most") == 1 and (stated := re.search(r"at most ([\d.e-]+) \(95 %\)", text))
+    assert found["high"] <= float(stated[1]) < 1.01 * found["high"]  # rounded up
     assert main(["simulate", "--from", str(out), "--index", "0", "--set", "simulate.dt=0.01",
                  "--set", "simulate.integrator=euler", "--out", str(tmp_path / "again"), "--quiet"]) == 0  # fmt: skip
     metrics = json.loads((tmp_path / "again" / "metrics.json").read_text())

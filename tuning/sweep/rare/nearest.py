@@ -14,6 +14,7 @@ from .problem import FARTHEST, Problem
 
 Seen = Callable[[np.ndarray, np.ndarray, np.ndarray], None]  # is told places, levels and whose they are
 STEPS = 10  # of every search
+FEW = 2  # searches that are always made
 LENGTHS = (1.0, 0.5, 0.25, 0.1)  # tried, as shares of the full step
 OUTWARD = (1.0, 1.01, 1.03, 1.1, 1.25, 1.5)  # where a failure is looked for behind the end of a search
 HALVINGS = 7  # of the way to the boundary
@@ -48,9 +49,10 @@ def search(problem: Problem, u: np.ndarray, rollouts: int) -> np.ndarray:
     Args:
         problem: what fails.
         u: where to begin.
-        rollouts: after so many no further step is taken.
+        rollouts: about so many are spent on gradients; of more searches than that allows the first go on.
     """
-    best, place, last = np.full(len(u), np.inf), u.copy(), problem.rollouts + rollouts
+    best, place = np.full(len(u), np.inf), u.copy()
+    first = max(FEW, rollouts // (STEPS * (1 + problem.size + len(LENGTHS))))
 
     def seen(at: np.ndarray, levels: np.ndarray, lanes: np.ndarray) -> None:
         far = np.linalg.norm(at, axis=1)
@@ -59,10 +61,10 @@ def search(problem: Problem, u: np.ndarray, rollouts: int) -> np.ndarray:
                 best[lanes[i]], place[lanes[i]] = far[i], at[i]
 
     for _ in range(STEPS if problem.climb is not None else 0):
-        levels, slopes = problem.slopes(u)
-        seen(u, levels, np.arange(len(u)))
+        levels, slopes = problem.slopes(u[:first])
+        seen(u[:first], levels, np.arange(len(levels)))
         lanes = np.flatnonzero((slopes**2).sum(axis=1) > FLAT)
-        if not len(lanes) or problem.rollouts > last:
+        if not len(lanes):
             break
         u = u.copy()
         u[lanes] = _step(problem, u[lanes], levels[lanes], slopes[lanes], lambda x, y, i, n=lanes: seen(x, y, n[i]))

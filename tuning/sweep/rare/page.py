@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -76,17 +77,18 @@ def verdict(outcome: Outcome) -> list[str]:
     if not made.failures:
         return [
             f"No failure was found by the searches, nor in {made.runs} draws. **With probability at most"
-            f" {made.plain_high:.2g} ({level}), a vehicle drawn from this ensemble fails**: {plain}. A smaller"
+            f" {_up(made.plain_high)} ({level}), a vehicle drawn from this ensemble fails**: {plain}. A smaller"
             " probability cannot be stated from so many rollouts."
         ]
     if made.refused:
         return [
             f"**No estimate is stated**: {'; '.join(made.refused)}. By plain draws alone: with probability at most"
-            f" {made.plain_high:.2g} ({level}), a vehicle drawn from this ensemble fails ({plain})."
+            f" {_up(made.plain_high)} ({level}), a vehicle drawn from this ensemble fails ({plain}). More rollouts may"
+            " make an estimate sound: --set sweep.rollouts=N."
         ]
     said = (
-        f"**With probability at most {made.high:.3g} ({level}), a vehicle drawn from this ensemble fails**; estimate"
-        f" {made.probability:.3g}, at least {made.low:.3g} ({level}); effective sample size {made.effective:.0f} of"
+        f"**With probability at most {_up(made.high)} ({level}), a vehicle drawn from this ensemble fails**; estimate"
+        f" {made.probability:.3g}, at least {_down(made.low)} ({level}); effective sample size {made.effective:.0f} of"
         f" {made.runs} rollouts."
     )
     if made.everywhere:
@@ -95,9 +97,19 @@ def verdict(outcome: Outcome) -> list[str]:
         said,
         "The upper bound assumes that all failures lie in the region that was explored: where gradients, subset"
         " simulation and trial draws found some, and around. Without this assumption no more can be claimed than a"
-        f" probability of at most {made.plain_high:.2g} ({level}): {plain}; rarer failures that nothing leads to"
+        f" probability of at most {_up(made.plain_high)} ({level}): {plain}; rarer failures that nothing leads to"
         " cannot be excluded.",
     ]
+
+
+def _up(bound: float) -> str:
+    """An upper bound in three digits, rounded up: what is written must hold too."""
+    return f"{float(Context(3, ROUND_CEILING).create_decimal_from_float(bound)):.3g}"
+
+
+def _down(bound: float) -> str:
+    """A lower bound, rounded down."""
+    return f"{float(Context(3, ROUND_FLOOR).create_decimal_from_float(bound)):.3g}"
 
 
 def _points(asked: Study, outcome: Outcome) -> list[str]:

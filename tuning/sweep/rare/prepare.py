@@ -89,7 +89,7 @@ def _points(problem: Problem, found: Pilot, rollouts: int) -> np.ndarray:
     safe = np.where(found.plain_levels > 0, -np.inf, found.plain_levels)
     begin = [middle, nearest.starts(found.plain, safe, STARTS)]
     if len(found.failing):
-        begin.append(nearest.starts(found.failing, np.ones(len(found.failing)), STARTS))
+        begin.insert(1, nearest.starts(found.failing, np.ones(len(found.failing)), STARTS))
     points = nearest.search(problem, np.concatenate(begin), rollouts)
     points = nearest.distinct(points, MOST_POINTS)
     return points if len(points) else middle

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from agvjax import Fault
 
+from ...compute.memory import too_much
 from ...config import ends
 from ...config import rules as vehicle_rules
 from ...config.settings import Config
@@ -16,7 +17,7 @@ from .problem import BEYOND
 
 def faults(config: Config) -> list[Fault]:
     """What is wrong with a configuration whose rare failures are looked for."""
-    return rules.faults(config) or vehicle_rules.unique([*_settings(config), *_axes(config)])
+    return rules.faults(config) or vehicle_rules.unique([*_settings(config), *_axes(config), *_size(config)])
 
 
 def _settings(config: Config) -> Iterator[Fault]:
@@ -25,6 +26,13 @@ def _settings(config: Config) -> Iterator[Fault]:
         yield Fault("sweep.controllers", ", ".join(sweep.controllers), "empty with --rare: one controller at a time")
     if sweep.design != "random":
         yield Fault("sweep.design", sweep.design, "random with --rare, which makes its own draws")
+
+
+def _size(config: Config) -> list[Fault]:
+    """More draws than fit into memory: their normal numbers, weights and outcomes are held at once, twice."""
+    rollouts = config.sweep.rollouts
+    much = too_much(2 * rollouts * (len(design(config).sampled) + 3) * 8)
+    return [Fault("sweep.rollouts", rollouts, f"fewer: so many draws take {much}")] if much else []
 
 
 def _axes(config: Config) -> Iterator[Fault]:

@@ -8,6 +8,7 @@ import pytest
 
 import agvjax
 from agvjax.metric_table import METRICS, Followed
+from claimed import meant, unqualified
 from tuning.cli.main import main
 from tuning.config.load import load
 from tuning.config.settings import Limit
@@ -228,6 +229,8 @@ def test_the_page_has_one_table_one_figure_and_the_numbers(base, tmp_path):
     text = page.write(Study(base), judged, {}, tmp_path)
     assert "| nothing | 11 | 12 |" in text  # a terminal is told of tuned gains alone
     assert "| nothing | 100 / 11 | 100 / 12 | 8 / 8 | 6 / 6 |" in (tmp_path / "report.md").read_text()
+    assert not unqualified(text + (tmp_path / "report.md").read_text())
+    assert meant((tmp_path / "report.md").read_text()) == [f"worst of {base.ensemble.validation_size}"]
     files = {path.name for path in tmp_path.iterdir()}
     assert {"report.md", "report.html", "remedies.png", "remedies.csv", "remedies.json"} <= files
 
