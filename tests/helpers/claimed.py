@@ -2,9 +2,12 @@
 
 import re
 
+from agvjax.metric_table import METRICS
+
 MEANT = "What the words mean: "  # how a report's own line begins
 # a statistic of a goal or a limit is called as its key is, with the metric after it: `worst total_rmse`
-QUALIFIED = re.compile(r"\b[Ww]orst(?= found| of (?:\d|\{\})|\.json|\.png| [a-z]+_[a-z]+| before a metric)")
+FORMS = [" found", r" of (?:\d|\{\})", r"\.json", r"\.png", " before a metric", *(rf" {name}\b" for name in METRICS)]
+QUALIFIED = re.compile(rf"\b[Ww]orst(?={'|'.join(FORMS)})")
 
 
 def unqualified(text):

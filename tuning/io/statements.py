@@ -10,7 +10,7 @@ PROBABLE = "with probability"
 INTERVAL = f"{PERCENT} interval"
 NAMED = "worst before a metric, in goals and limits: the largest of the runs that the sentence or the section is about"
 MEANING = {
-    FOUND: "the largest value that a search met; the true worst is at least as large, and no search bounds it",
+    FOUND: "the largest value that a search met, which bounds the true largest below; no search bounds it above",
     PROVED: "follows from the equations, for all that they assume, without samples",
     PROBABLE: (
         f"of a vehicle drawn at random as the ensemble says; {PERCENT} is the confidence of the bound, which"

@@ -62,7 +62,7 @@ def test_each_kind_of_claim_has_one_meaning_and_its_own_words():
     for name, kind in CLAIMED.items():
         assert name == kind and statements.of_kind(kind).startswith(f"{name}: ")
     found, proved, probable = (statements.MEANING[kind] for kind in CLAIMED.values())
-    assert "at least as large" in found and "no search bounds it" in found  # a lower bound, and it says so
+    assert "bounds the true largest below" in found and "no search bounds it above" in found
     assert "without samples" in proved and "95 %" not in proved
     assert "drawn at random" in probable and "95 %" in probable
     assert not {"proved", "with probability"} & {w for text in (found,) for w in re.findall(r"\w+", text)}
