@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 
 from agvjax import Fault, InputError
@@ -24,3 +25,12 @@ def axis(text: str) -> dict[str, Toml]:
     except ValueError as error:
         raise InputError([Fault("--over", text, rule)]) from error
     return {name.strip(): span for name in match[1].split("+")}
+
+
+def swept(arguments: argparse.Namespace) -> dict[str, Toml]:
+    """Settings of the options that only `agvjax sweep` has, by dotted key."""
+    options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
+    options |= {"samples": arguments.samples, "design": arguments.design}
+    if arguments.over or arguments.ensemble:
+        options["over"] = [axis(text) for text in arguments.over]
+    return {f"sweep.{name}": value for name, value in options.items() if value is not None}

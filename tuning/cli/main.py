@@ -66,6 +66,7 @@ SWEEP = Command(
             "--over", "LEAF=LOW:HIGH:POINTS", "an axis; sampled without POINTS; *= for multiples of the nominal value"
         ),
         flag("--ensemble", "also draw the other leaves of the tuning ensemble"),
+        flag("--rare", "how likely is a failure, down to 1e-6: with --ensemble, or axes that are sampled"),
         option(
             "--samples",
             type=integer,

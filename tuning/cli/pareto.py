@@ -13,6 +13,7 @@ from .. import config as configuration
 from ..io import files
 from ..io.pages import grid
 from ..io.pictures import write_figures
+from ..io.statements import worst_of
 from ..tune import pareto
 from ..tune.finer import judged, validation
 from ..tune.problem import pose
@@ -55,10 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
     drawing = {"pareto": lambda: pareto.figure(points, uses, errors, settings.metric, goal)}
     for text in write_figures(out, drawing):
         console.note(text)
-    table = grid(
-        [f"{settings.metric} at most", *header[1:2], "met", *header[4:8]],
-        [[r[0], r[1], "yes" if r[2] else "no", *r[4:8]] for r in rows],
-    )
+    heads = [name.replace("worst", worst_of(config.ensemble.validation_size)) for name in header[4:8]]
+    lines = [[r[0], r[1], "yes" if r[2] else "no", *r[4:8]] for r in rows]
+    table = grid([f"{settings.metric} at most", "goal", "met", *heads], lines)
     console.conclude(table, f"front, figure and gains written to {out}; begin with {out}/pareto.png")
     if not any(p.met for p in points):
         raise RunFailed("the limits could not be met at any point of the front")

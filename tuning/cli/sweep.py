@@ -11,13 +11,13 @@ from pathlib import Path
 from .. import config as configuration
 from ..compute import schedule
 from ..compute.jobs import Engine, Jobs, WorkFailed
-from ..config.codecs import Toml
 from ..sweep import shards, verdict, work
 from ..sweep.conclude import conclude
 from ..sweep.laws import named
 from ..sweep.rules import faults, moving
 from ..sweep.run import Parcel, fill, jobs, parcel
-from .axes import axis
+from . import rare
+from .axes import swept
 from .console import Console, RunFailed, failing
 from .prepare import configure, warn
 from .sweep_folder import begin, begun
@@ -25,7 +25,9 @@ from .sweep_folder import begin, begun
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute the shards that are missing, and write the report."""
-    config, console = configure(arguments, faults, _more(arguments), moving)
+    if arguments.rare:
+        return rare.run(arguments)
+    config, console = configure(arguments, faults, swept(arguments), moving)
     plan, laws = work.planned(config), named(config, arguments.imports)
     manifest = work.manifest_of(config, plan, laws)
     with contextlib.ExitStack() as ours:
@@ -65,12 +67,3 @@ def _fill(
             why = f"a shard could not be written ({error})" if isinstance(error, OSError) else str(error)
             done = f"{sum(shards.path_of(out, i).exists() for i in range(manifest.shards))} of {manifest.shards}"
             raise RunFailed(f"{why}; {done} are kept in {out}: repeat the same command, it continues") from error
-
-
-def _more(arguments: argparse.Namespace) -> dict[str, Toml]:
-    """Settings of the options that only this command has."""
-    options = {"ensemble": arguments.ensemble or None, "controllers": arguments.controller or None}
-    options |= {"samples": arguments.samples, "design": arguments.design}
-    if arguments.over or arguments.ensemble:
-        options["over"] = [axis(text) for text in arguments.over]
-    return {f"sweep.{name}": value for name, value in options.items() if value is not None}

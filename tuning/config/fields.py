@@ -22,6 +22,7 @@ def _whole(low: int, high: float, most: str) -> Rule:
 COUNT = Rule("a whole number >= 1", lambda x: (x >= 1) & (x == np.round(x)))
 STARTS, ROUNDS, DRIVES = _whole(1, 1000, "1000"), _whole(0, 100, "100"), _whole(0, 4096, "4096")
 SWEPT = _whole(1, 1e9, "10^9")
+ROLLED = _whole(10_000, 1e8, "10^8")
 SCREENED = _whole(0, 1e5, "10^5")
 MANY, SOME, WHOLE = _whole(1, 1e6, "10^6"), _whole(0, 1e7, "10^7"), _whole(0, 2**53, "2^53")
 RATE = Rule("0, or from 10^-3 to 10^6", lambda x: (x == 0) | ((x >= 1e-3) & (x <= 1e6)))

@@ -22,7 +22,14 @@ RETIRED = {  # keys of earlier releases, which hold nothing in their files
 
 # keys that earlier releases did not have: a run of theirs goes on without what they ask for
 LATER = {"tune.screen", *(f"speed.{name}" for name in ("within", "after", "low", "high", "points", "halvings"))}
-LATER |= {"margins.instants", "margins.vehicles", "identify.ahead", "identify.topics", "identify.stamps"}
+LATER |= {
+    "margins.instants",
+    "margins.vehicles",
+    "identify.ahead",
+    "identify.topics",
+    "identify.stamps",
+    "sweep.rollouts",
+}
 
 FIXED = {  # what earlier releases judged by, and what their computers did not have
     "criteria.band": 0.05,

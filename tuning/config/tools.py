@@ -19,6 +19,7 @@ from .fields import (
     MEMORY,
     OPEN,
     PACE,
+    ROLLED,
     ROUNDS,
     STARTS,
     SWEPT,
@@ -113,6 +114,7 @@ class Sweep:
         metrics: which metrics of every run are stored.
         fails: bounds above which a run has failed, by metric.
         radius: whether to search for the largest box around the nominal point in which nothing fails.
+        rollouts: with --rare, vehicles simulated in all; a gradient counts 1 + its tangents.
         shard: scenarios per file.
         dt: length of a step of a run of a sweep.
         integrator: integration method in a sweep.
@@ -126,6 +128,7 @@ class Sweep:
     metrics: tuple[str, ...] = OPEN  # those of `SWEPT_METRICS` that the plant has
     fails: dict[str, Bound] = OPEN  # more than `Bound()` of the first of `default_goals`
     radius: bool = True
+    rollouts: int = number(100_000, "1", ROLLED)
     shard: int = number(8192, "1", MANY)
     dt: float = number(1e-2, "s", POSITIVE)
     integrator: str = choice("rk4", agvjax.INTEGRATORS)

@@ -95,7 +95,7 @@ def worst(errors: Sequence[float]) -> list[int]:
 def _say_which(figure: Figure, picked: Sequence[int], errors: Sequence[float]) -> None:
     """That only some of many logs are drawn."""
     if len(picked) < len(errors):
-        figure.suptitle(f"the {len(picked)} worst of {len(errors)} logs, the worst first", fontsize="medium")
+        figure.suptitle(f"the {len(picked)} of {len(errors)} logs with the largest errors", fontsize="medium")
 
 
 def _commands(task: Task, actuator: str) -> np.ndarray:

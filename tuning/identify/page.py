@@ -10,7 +10,7 @@ from agvjax.leaves import leaves
 
 from .. import config as configuration
 from ..config.settings import Config
-from ..io import files
+from ..io import files, statements
 from ..io.files import Json
 from ..io.pages import grid, picture, publish
 from ..io.pictures import Drawing, write_figures
@@ -29,11 +29,11 @@ CAPTIONS = {
     "deadzones": "What every actuator delivers over what it is told, with the 95 % interval; and how often each"
     " command came.",
     "excitation": "Commands of the suggested drive, and where it leads.",
-    "predictions": "How the error of the prediction grows with time, on drives not fitted; of many the worst.",
+    "predictions": "How the error of the prediction grows with time, on drives not fitted; of many the largest.",
     "residuals": "What the model leaves unexplained, in standard deviations, over time; and its distribution beside the"
     " normal.",
     "coverage": "What was driven: speed and yaw rate, by half seconds.",
-    "paths": "Where the vehicle was, and where the fitted model has it in every stretch; of many logs the worst.",
+    "paths": "Where the vehicle was, and where the fitted model has it in every stretch; of many logs the farthest.",
 }
 ABSENT, READ = "What was looked for and is not there", "What was read"
 MOST, SOME = 6, 3  # parameters, and unseen logs, that a terminal is told
@@ -218,6 +218,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
         table(result.verdict),
         "Deviations are standard: Gauss and Newton's covariance, and beside it a bootstrap over stretches of the log."
         " Intervals take the wider of the two, and Student's quantile for as many stretches as tell the number.",
+        statements.said(statements.of_kind(statements.INTERVAL)),
     ]
     if deadzones:
         parts.append(_picture("deadzones"))

@@ -32,7 +32,7 @@ CAPTIONS = {
     "event": "Event-triggered law: commands held, and the intervals between updates",
     "fractional": "Order of the integral: RMSE of the fractional law against the paper's",
     "comparison": "Every law tuned by the same tuner to the same command budget, on unseen scenarios",
-    "remedies": "Remedies against the deadzone, tuned to one command budget; lines reach to the worst unseen vehicle",
+    "remedies": "Remedies against the deadzone, tuned to one command budget; lines reach to the largest error",
 }
 
 

@@ -61,5 +61,5 @@ def _write(config: Config, swept: results.Results, laws: Laws, judges: Sequence[
     drawings = figures.every(swept, judged.bounds, judged.which, judged.indices)
     lost = write_figures(folder, drawings)
     text = page.page(swept, judged, [f"{name}.png" for name in drawings], str(folder))
-    publish(folder, text, (page.METRIC_TABLE, page.WORST_TABLE))
+    publish(folder, text, (page.METRIC_TABLE, page.LARGEST_TABLE))
     return "\n\n".join([page.brief(swept, judged, str(folder)), *lost])

@@ -141,9 +141,13 @@ class Design(NamedTuple):
 
     def values(self, first: int, count: int) -> dict[str, np.ndarray]:
         """Leaves of the scenarios from number `first`, each (count, ...)."""
+        return self.leaves(self.shares(first, count))
+
+    def leaves(self, shares: np.ndarray) -> dict[str, np.ndarray]:
+        """Leaves of scenarios that lie at shares (n, grid axes + sampled axes), each (n, ...)."""
         nominal = {leaf: self.nominal(leaf) for leaf in self.names}
-        values = {leaf: np.tile(x, (count, *[1] * x.ndim)) for leaf, x in nominal.items()}
-        for axis, share in zip((*self.grid, *self.sampled), self._tied(self.shares(first, count).T), strict=True):
+        values = {leaf: np.tile(x, (len(shares), *[1] * x.ndim)) for leaf, x in nominal.items()}
+        for axis, share in zip((*self.grid, *self.sampled), self._tied(shares.T), strict=True):
             for target in axis.targets:
                 if self.method in SENSITIVITY and target.draw.tailed:
                     tail = target.draw.ends[0]
@@ -166,7 +170,8 @@ class Design(NamedTuple):
             tied[places[name]] = together(shares[[places[leaf] for leaf in there]], factor[there.index(name)].tolist())
         return tied
 
-    def split(self, values: Leaves) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike]]:
+    @staticmethod
+    def split(values: Leaves) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike]]:
         """Leaves of the controller, by their names in it, and of the scenario."""
         law = {leaf.removeprefix(LAW): x for leaf, x in values.items() if leaf.startswith(LAW)}
         return law, {leaf: x for leaf, x in values.items() if not leaf.startswith(LAW)}

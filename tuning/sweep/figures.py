@@ -199,7 +199,9 @@ def cuts(results: Results, metrics: Sequence[str], bounds: Mapping[str, float]) 
             axes.set_xlabel(label(plan, axis), fontsize=8)
         row[0].set_ylabel(_with_unit(results, metric), fontsize=9)
     panels[0][0].legend(fontsize=7)
-    figure.suptitle("median, 90 % band and worst (dotted) over all other axes; grey: nominal; red: failure", fontsize=9)
+    figure.suptitle(
+        "median, 90 % band and largest (dotted) over all other axes; grey: nominal; red: failure", fontsize=9
+    )
     return figure
 
 

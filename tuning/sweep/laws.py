@@ -17,6 +17,7 @@ from ..config.settings import Config
 from ..config.write import table_of
 from .rules import faults
 
+CONFIGURED = "configured"  # name of the law of the configuration
 Laws = dict[str, Law]  # by name, the configured one first
 
 
@@ -37,7 +38,7 @@ def named(config: Config, imports: Sequence[str] = ()) -> Laws:
     Raises:
         agvjax.InputError: a name means no law, is there twice, or its law does not suit the sweep.
     """
-    laws: Laws = {"configured": config.controller}
+    laws: Laws = {CONFIGURED: config.controller}
     swept = {name.removeprefix(LAW) for table in config.sweep.over for name in table if name.startswith(LAW)}
     gains = {gain: agvjax.leaves(config.controller)[gain] for gain in swept}
     for name in config.sweep.controllers:

@@ -9,6 +9,7 @@ import numpy as np
 
 from agvjax.metric_units import units_in
 
+from ..io import statements
 from ..io.pages import grid, meanings, picture
 from ..tune.meanings import of_metrics
 from .design import SENSITIVITY
@@ -18,13 +19,13 @@ from .results import Results
 from .verdict import SweepVerdict
 
 WORST = 10  # scenarios listed
-METRIC_TABLE, WORST_TABLE = "Every metric", "The worst scenarios"
+METRIC_TABLE, LARGEST_TABLE = "Every metric", "The scenarios with the largest values"
 CAPTIONS = {  # by how the name of a figure begins
     "map_failures": "Share of runs that fail, over two axes",
-    "map_": "Worst {} over two axes",
+    "map_": "Mean {} over two axes",
     "difference_": "Difference between two controllers, over two axes",
     "failures": "Share of runs that fail, along the axis",
-    "cuts": "Metrics along every axis: median, 90 % band and worst over all other axes; failures in red",
+    "cuts": "Metrics along every axis: median, 90 % band and largest value over all other axes; failures in red",
     "distributions": "Distributions of the metrics over the scenarios",
     "sensitivity_": "Which axes the metrics depend on",
 }
@@ -35,12 +36,13 @@ def page(results: Results, judged: SweepVerdict, figures: Sequence[str], folder:
     first, *others = [picture(name, f"{_caption(name)}.") for name in figures]
     blocks = ["# Where do the gains fail?", _what(results), *_radii(results, judged)[:1], _failures(results, judged)]
     blocks += [
+        *_words(results, judged),
         first,
         *(["## How far may the parameters deviate?", *further] if (further := _radii(results, judged)[1:]) else []),
     ]
     blocks += [*(["## Further figures", *others] if others else []), f"## {METRIC_TABLE}", _metrics(results, judged)]
     blocks += [meanings(of_metrics(tuple(results.metrics), results.config.criteria))]
-    blocks += [*_sensitivity(results, judged), f"## {WORST_TABLE}", *_worst(results, judged, folder)]
+    blocks += [*_sensitivity(results, judged), f"## {LARGEST_TABLE}", *_largest(results, judged, folder)]
     return "\n\n".join(blocks) + "\n"
 
 
@@ -51,9 +53,9 @@ def _caption(file: str) -> str:
 
 
 def brief(results: Results, judged: SweepVerdict, folder: str) -> str:
-    """For a terminal: what fails, how far nothing was found to, and how to look at the worst."""
+    """For a terminal: what fails, how far nothing was found to, and how to look at the largest value."""
     listed, radii = _listed(results, judged)[1], _radii(results, judged)[:1]
-    again = f"The worst: `agvjax simulate --from {folder} --index {listed[0][0]}`."
+    again = f"The largest value: `agvjax simulate --from {folder} --index {listed[0][0]}`."
     return "\n\n".join([_failures(results, judged), *radii, again])
 
 
@@ -70,7 +72,7 @@ def _what(results: Results) -> str:
 
 def _failures(results: Results, judged: SweepVerdict) -> str:
     plan = results.design
-    drawn = bool(plan.sampled) and not plan.grid and plan.method not in SENSITIVITY  # the share is a probability's
+    drawn = _drawn(results)
     header = ["controller", "failed", "of", "diverged", "share", "95 % interval of the probability"]
     rows = [
         [name, f.failed, f.runs, f.diverged, f"{f.share:.4%}", f"{f.low:.4%} to {f.high:.4%}"]
@@ -85,6 +87,25 @@ def _failures(results: Results, judged: SweepVerdict) -> str:
     if not drawn:
         note += " The share is that of this design, not a probability."
     return f"{grid(header[shown], [row[shown] for row in rows])}\n\n{note}"
+
+
+def _drawn(results: Results) -> bool:
+    """Whether the share of failures is that of a probability: nothing stands on a grid."""
+    plan = results.design
+    return bool(plan.sampled) and not plan.grid and plan.method not in SENSITIVITY
+
+
+def _random(results: Results) -> bool:
+    """Whether all scenarios are independent draws."""
+    return _drawn(results) and results.design.method == "random"
+
+
+def _words(results: Results, judged: SweepVerdict) -> list[str]:
+    """What the claims of this report mean."""
+    kinds = [statements.of_draws(results.design.size)] if _random(results) else []
+    kinds += [statements.of_kind(statements.PROBABLE)] if _drawn(results) else []
+    kinds += [statements.of_kind(statements.FOUND)] if judged.radii else []
+    return [statements.said(*kinds)] if kinds else []
 
 
 def _radii(results: Results, judged: SweepVerdict) -> list[str]:
@@ -109,7 +130,8 @@ def _radii(results: Results, judged: SweepVerdict) -> list[str]:
 
 
 def _metrics(results: Results, judged: SweepVerdict) -> str:
-    header = ["metric", "unit", "controller", "nominal", "mean of finite values", "5 %", "median", "95 %", "worst"]
+    header = ["metric", "unit", "controller", "nominal", "mean of finite values", "5 %", "median", "95 %"]
+    header.append(statements.worst_of(results.design.size) if _random(results) else "largest of this design")
     rows, units = [], units_in(results.config.scenario)
     for metric, of_each in results.metrics.items():
         for name, nominal, values in zip(results.names, judged.nominal, of_each, strict=True):
@@ -145,7 +167,7 @@ def _listed(results: Results, judged: SweepVerdict) -> tuple[str, list[np.ndarra
     return metric, [worst(values, WORST) for values in results.metrics[metric]]
 
 
-def _worst(results: Results, judged: SweepVerdict, folder: str) -> list[str]:
+def _largest(results: Results, judged: SweepVerdict, folder: str) -> list[str]:
     (metric, listed), blocks = _listed(results, judged), []
     for i, (name, numbers) in enumerate(zip(results.names, listed, strict=True)):
         rows = [

@@ -12,8 +12,9 @@ from agvjax import Fault, InputError
 from agvjax.timing import whole
 
 from ..config.settings import Config, Simulate, Tune
-from . import results, shards
-from .design import scene
+from . import points, results, shards
+from .design import Design, scene
+from .laws import CONFIGURED
 
 
 class Vehicle(NamedTuple):
@@ -28,7 +29,7 @@ def vehicle(folder: str, index: int | None, name: str | None = None, imports: Se
     """The vehicle of number `index` with the controller of this name, by default the first one.
 
     Args:
-        folder: of the sweep.
+        folder: of the sweep, or of a search for rare failures, whose vehicles are the most likely of them.
         index: number of the scenario.
         name: of the controller.
         imports: files of the classes of one's own that the sweep names.
@@ -36,6 +37,8 @@ def vehicle(folder: str, index: int | None, name: str | None = None, imports: Se
     Raises:
         InputError: no folder of a sweep, or there is no such number or name in it.
     """
+    if points.there(Path(folder)):
+        return _point(folder, index, name, imports)
     try:
         manifest = shards.read_manifest(Path(folder))
     except ValueError as error:
@@ -55,6 +58,22 @@ def vehicle(folder: str, index: int | None, name: str | None = None, imports: Se
     tune = config.tune if type(controller) is type(config.controller) else Tune()  # its gains are those of a law
     controller = agvjax.replace(controller, swept)
     return Vehicle(controller, scenario, replace(config, controller=controller, scenario=scenario, tune=tune))
+
+
+def _point(folder: str, index: int | None, name: str | None, imports: Sequence[str]) -> Vehicle:
+    """One of the failures that a search for rare ones kept."""
+    try:
+        config, kept = points.read(Path(folder), imports)
+    except ValueError as error:
+        raise _no_sweep(folder, error) from error
+    if index is None or not 0 <= index < len(kept):
+        rule = f"from 0 to {len(kept) - 1}, the failures found" if kept else "left out: no failure was found"
+        raise InputError([Fault("--index", "none" if index is None else index, rule)])
+    if name not in (None, CONFIGURED):
+        raise InputError([Fault("--controller", name, f"{CONFIGURED}, the only one")])
+    swept, values = Design.split(kept[index])
+    controller, scenario = agvjax.replace(config.controller, swept), agvjax.replace(config.scenario, values)
+    return Vehicle(controller, scenario, replace(config, controller=controller, scenario=scenario))
 
 
 def retimed(swept: Simulate, given: Mapping[str, Any]) -> Simulate:

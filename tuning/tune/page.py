@@ -21,6 +21,7 @@ from ..io import files
 from ..io.logs import runs
 from ..io.pages import grid, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
+from ..io.statements import worst_of
 from . import caveats, figures, populations, tables
 from .finer import baseline_of
 from .gains import value_of
@@ -44,7 +45,7 @@ SHOWN = ("total_rmse", *LATE, "effort", "peak_position", "peak_heading", "total_
 
 CONDITIONS = """
 "Lower bound" is the law's own stability condition (for the paper's law eqs. (48), (52), (70)) at the smallest deadzone
-slopes that the ensemble can draw, times `tune.stability_margin`; the gains satisfy it by construction.
+slopes that the ensemble can draw, times `tune.stability_margin`; it holds by construction, and what it says is proved.
 """
 
 
@@ -102,6 +103,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
 
 {tables.changes(before["validation"], after["validation"], names)}
 
+{tables.words(after["validation"].size, bool(outcome.found), bool(tuned.stability))}
+
 {picture("nominal.png", NOMINAL)}
 
 ## The gains
@@ -114,21 +117,20 @@ They are in `gains.toml`: `agvjax simulate --config config.toml --config gains.t
 
 {tables.comparison(before["validation"], after["validation"], names, units)}
 
-Mean and worst are over the runs that did not diverge. Evaluated at steps of
-{config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
+Runs that diverged are left out. Evaluated at steps of {config.simulate.dt:g} s, tuned at {settings.dt:g} s.{smooth}
 
 ## {SYMBOLS}
 
 {symbols(outcome)}
 {tables.path_of(config)}
-## The worst case
+## Worst found
 
 {searched}
 
 {worst_table}
 
-The search covers the whole range of values that the ensemble can draw{_cut(problem)} (the box); "worst in the ensemble"
-includes scenarios that earlier rounds added. Searched at steps of {settings.dt:g} s.
+The search covers the whole range of values that the ensemble can draw{_cut(problem)} (the box); "largest in the
+ensemble" includes scenarios that earlier rounds added. Searched at steps of {settings.dt:g} s.
 
 {picture("worst.png", WORST)}
 
@@ -171,9 +173,8 @@ def brief(outcome: Outcome, verdict: TuneVerdict) -> str:
     held = [name for name in moved(outcome) if not np.ndim(value_of(outcome.controller, name))][:ROWS]
     gains = ", ".join(f"{name} {float(value_of(outcome.controller, name)):.4g}" for name in held)
     gains += " ..." if len(held) < len(moved(outcome)) else ""
-    return "\n".join(
-        [first, *(f"* {line}" for line in said), *left, grid([size, "mean", "worst"], rows), f"Gains: {gains}"]
-    )
+    table = grid([size, "mean", worst_of(after.size)], rows)
+    return "\n".join([first, *(f"* {line}" for line in said), *left, table, f"Gains: {gains}"])
 
 
 def _times(new: float, old: float) -> str:

@@ -77,7 +77,7 @@ def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:
 def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: str, goal: str) -> Figure:
     """The front on scenarios not tuned on: `uses` and `errors` (P + 1, 2) are mean and worst, the last the start's."""
     drawn, (places,) = panels(1, 2, (9, 3.8))
-    for column, (axes, name) in enumerate(zip(places, ("mean", "worst"), strict=True)):
+    for column, (axes, name) in enumerate(zip(places, ("mean", "largest"), strict=True)):
         good = [i for i, p in enumerate(points) if p.met]
         axes.plot(uses[good, column], errors[good, column], "o-", ms=4, lw=1, color="tab:blue", label="tuned")
         bad = [i for i, p in enumerate(points) if not p.met]

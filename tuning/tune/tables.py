@@ -14,6 +14,7 @@ from agvjax.metric_units import PLAIN
 
 from ..config.settings import Config
 from ..io.pages import grid
+from ..io.statements import FOUND, NAMED, PROVED, of_draws, of_kind, said, worst_of
 from . import figures
 from .analysis import Findings
 from .choice import PAYS
@@ -36,7 +37,14 @@ def comparison(before: Summary, after: Summary, metrics: Sequence[str], units: M
     ]
     counts = {"diverged runs": (before.latched, after.latched), "not settled": (before.unsettled, after.unsettled)}
     rows += [[name, f"of {before.size}", *pair, "", "", "", ""] for name, pair in counts.items()]
-    return grid(["metric", "unit", "mean before", "after", "ratio", "worst before", "after", "ratio"], rows)
+    largest = f"{worst_of(before.size)} before"
+    return grid(["metric", "unit", "mean before", "after", "ratio", largest, "after", "ratio"], rows)
+
+
+def words(size: int, searched: bool, lawful: bool) -> str:
+    """What the claims of a report mean: of so many validation scenarios, of a search, of the law's own conditions."""
+    kinds = [kind for kind, there in ((FOUND, searched), (PROVED, lawful)) if there]
+    return said(of_draws(size), NAMED, *map(of_kind, kinds))
 
 
 def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
@@ -137,7 +145,7 @@ def rounds(
 ) -> str:
     """What every round came to; beside it the limits on the worst, and the starting gains where the last one looked."""
     last = max((r.round for r in rows), default=0)
-    heads = ["round", "metric", "unit", "worst in the ensemble", "worst found in the box"]
+    heads = ["round", "metric", "unit", "largest in the ensemble", f"{FOUND} in the box"]
     cells = [[r.round, r.metric, units[r.metric], r.best, r.worst_found] for r in rows]
     for head, values in (("limit", bounds), ("same scenario, starting gains", start)):
         if values is not None:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import agvjax
+from claimed import MEANT, meant, unqualified
 from commands import FAST, HUNG, SHORT_TUNE, arguments, contents, files_of, python, run, start
 from tuning.cli import main as cli
 from tuning.compute import compiled as startup
@@ -170,6 +171,8 @@ def test_tune_writes_what_it_promises(tuned):
     assert files_of(out) == sorted([*TUNED, "report.html", "report.md", "worst.json", *figures])
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
     report = (out / "report.md").read_text()
+    assert meant(report) == ["worst of 4", "worst before a metric, in goals and limits", "worst found", "proved"]
+    assert not unqualified(report) and not unqualified(said)
     verdict = report.split("**")[1]
     assert verdict.startswith("Tuned: all limits are met") and verdict in " ".join(said.split())
     assert "Gains: k1 " in said and str(out) in said
@@ -447,6 +450,8 @@ def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
     assert "Where do the gains fail" not in said and "failed" in said and "agvjax simulate --from" in said
     written = {"config.toml", "findings.json", "manifest.json", "report.html", "report.md", "shard-00000.npz"}
     assert written | {"cuts.png", "map_total_rmse.png"} <= set(files_of(out))
+    report = (out / "report.md").read_text()
+    assert not unqualified(report + said) and "largest of this design" in report and MEANT not in report  # no claim
     span = {"between": [0.0, 1.0], "points": 3}
     assert read_toml(out / "config.toml")["sweep"]["over"] == [
         {RIGHT: span},

@@ -176,7 +176,7 @@ def test_of_many_logs_the_worst_are_drawn_and_the_figure_says_so():
     figure = figures.predictions(predictions(25))
     names = [axis.get_title().split(":")[0] for axis in figure.axes]
     assert names == ["log6", "log13", "log20", "log5", "log12", "log19", "log4", "log11", "log18"]
-    assert figure.get_suptitle() == "the 9 worst of 25 logs, the worst first"
+    assert figure.get_suptitle() == "the 9 of 25 logs with the largest errors"
     width, height = figure.get_size_inches()
     assert width < 16 and height < 12
     few = figures.predictions(predictions(9))

@@ -11,6 +11,7 @@ import pytest
 
 import agvjax
 from agvjax import Fault
+from claimed import meant, unqualified
 from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.load import resolve
@@ -129,6 +130,7 @@ def test_a_delay_that_the_model_bends_is_not_told(tmp_path):
     for name in ("actuators.wheel_speed_left.delay.time", "actuators.wheel_speed_right.delay.time"):
         assert not found[name]["identified"] or found[name]["low"] <= 0.25 <= found[name]["high"]
     report = (out / "report.md").read_text()
+    assert meant(report) == ["95 % interval"] and not unqualified(report)
     assert "how it turns" in report and "not good: they explain the drive no better than a first-order lag" in report
 
 

@@ -15,6 +15,8 @@ from ...io.files import Json
 from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
+from ...io.statements import of_draws, worst_of
+from ...io.statements import said as said_of
 from ...tune.gains import value_of
 from ...tune.meanings import of_gains
 from .followers import LABELS, Comparison, Tuned
@@ -40,7 +42,7 @@ def rows(found: Mapping[str, Tuned], names: tuple[str, ...]) -> list[Json]:
     made = []
     for name, tuned in found.items():
         row: Json = {"law": name, "gains": len(tuned.gains), "met": tuned.excess == 0}
-        row["over"] = "; ".join(tuned.over)
+        row |= {"over": "; ".join(tuned.over), "unseen": int(np.size(tuned.after.ok))}
         row |= {"searches": tuned.searches, "jacobians": tuned.jacobians, "rollouts": tuned.rollouts}
         for label, metrics in (("before", tuned.before), ("after", tuned.after)):
             ok = np.asarray(metrics.ok)
@@ -56,7 +58,8 @@ def rows(found: Mapping[str, Tuned], names: tuple[str, ...]) -> list[Json]:
 def table(made: list[Json], names: tuple[str, ...]) -> str:
     """The comparison as a table; before and after with a bar between."""
     far, peak, pace, varies = names
-    header = ["law", "gains", "mean distance [mm]", "worst", "largest of the worst run", "pace [s/m]"]
+    largest = worst_of(made[0]["unseen"])
+    header = ["law", "gains", "mean distance [mm]", largest, f"largest instant, {largest}", "pace [s/m]"]
     header += ["variation", "diverged", "rollouts", "Jacobians"]
     lines = []
     for row in made:
@@ -77,7 +80,8 @@ def brief(made: list[Json], names: tuple[str, ...]) -> str:
         + [f"{1e3 * row[f'{key}_{names[0]}_{when}']:.1f}" for key in ("mean", "worst") for when in ("before", "after")]
         for row in made
     ]
-    return grid(["distance on unseen vehicles [mm]", "mean, own gains", "tuned", "worst, own gains", "tuned"], lines)
+    largest = f"{worst_of(made[0]['unseen'])}, own gains"
+    return grid(["distance on unseen vehicles [mm]", "mean, own gains", "tuned", largest, "tuned"], lines)
 
 
 def statements(made: list[Json], names: tuple[str, ...]) -> list[str]:
@@ -157,6 +161,8 @@ over a run after its start-up phase, and the largest. Every law runs in the same
 and was tuned on the same {sizes.size} vehicles for the same goal. Limits ({limits}) and goal are relative to **one**
 law, the configured one, with its starting gains. Searches begin at the law's own gains and at the best of
 {config.tune.screen} screened gain sets. The paper's law follows a time schedule and catches up when it is late.
+
+{said_of(of_draws(sizes.validation_size))}
 
 {picture("comparison.png", COMPARED)}
 

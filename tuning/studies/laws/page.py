@@ -16,6 +16,8 @@ from ...io.files import Json
 from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
+from ...io.statements import of_draws, worst_of
+from ...io.statements import said as said_of
 from ...tune.gains import value_of
 from ...tune.meanings import of_gains
 from ..captions import caption, image
@@ -30,7 +32,8 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:
     """One row a law, best first: error on unseen scenarios and the share of the budget that it uses there."""
     made = []
     for name, tuned in found.items():
-        row: Json = {"law": name, "tuned": bool(tuned.excess == 0), "jacobians": tuned.looks}
+        row: Json = {"law": name, "tuned": bool(tuned.excess == 0), "unseen": int(np.size(tuned.metrics.ok))}
+        row["jacobians"] = tuned.looks
         row |= {"refused": tuned.refused, "starts_left_out": tuned.left_out}
         for label, metrics in (("before", tuned.metrics_before), ("after", tuned.metrics)):
             ok = np.asarray(metrics.ok)
@@ -52,7 +55,8 @@ def rows(comparison: Comparison, found: Mapping[str, Tuned]) -> list[Json]:
 def markdown(made: list[Json]) -> str:
     """The comparison as a table."""
     base = next(row for row in made if row["law"] == "proposed")
-    header = ["law", "mean RMSE", "of proposed", "worst", "of proposed", "x", "y", "psi", "before tuning"]
+    largest = worst_of(base["unseen"])
+    header = ["law", "mean RMSE", "of proposed", largest, "of proposed", "x", "y", "psi", "before tuning"]
     lines = []
     for row in made:
         cells = [LABELS[row["law"]] + ("" if row["tuned"] else " (budget not met)")]
@@ -61,7 +65,7 @@ def markdown(made: list[Json]) -> str:
         cells += [f"{row[name]:.4f}" for name in ("rmse_x", "rmse_y", "rmse_p", "mean_before")]
         cells += [f"{row['use_mean']:.2f} ({row['most_used']})", f"{row['use_worst']:.2f}"]
         lines.append([*cells, row["jacobians"], row["refused"], row["starts_left_out"]])
-    return grid([*header, "budget used, mean", "worst", "Jacobians", "refused", "starts left out"], lines)
+    return grid([*header, "budget used, mean", largest, "Jacobians", "refused", "starts left out"], lines)
 
 
 def brief(made: list[Json]) -> str:
@@ -73,7 +77,9 @@ def brief(made: list[Json]) -> str:
         + [f"{row['use_mean']:.2f}"]
         for row in made
     ]
-    return grid(["RMSE on unseen scenarios, of the proposed law's", "mean", "worst", "budget used"], lines)
+    return grid(
+        ["RMSE on unseen scenarios, of the proposed law's", "mean", worst_of(base["unseen"]), "budget used"], lines
+    )
 
 
 def statements(made: list[Json]) -> list[str]:
@@ -139,7 +145,7 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
 def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: list[Json]) -> str:
     sizes = comparison.config.ensemble
     limits = grid(
-        ["command", "mean", "worst"],
+        ["command", "mean", worst_of(sizes.size)],
         [[name, *comparison.of(name)] for name in BUDGET],
     )
     gains = grid(
@@ -154,15 +160,17 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
     return f"""# Which law is better at the same command budget?
 
 Every law was tuned by the same tuner (sequential quadratic programming on the exact Jacobian) on the same {sizes.size}
-scenarios, for the lowest mean and worst error within one budget: for each channel RMS, peak and chatter of the command,
-mean and worst, no more than the proposed law needs there with its printed gains. Searches begin at the law's own gains,
-at those for two bandwidths where defined, and at the best of 512 screened gain sets. The table is for
+scenarios, for the lowest mean and largest error within one budget: for each channel RMS, peak and chatter of the
+command, mean and largest, no more than the proposed law needs there with its printed gains. Searches begin at the law's
+own gains, at those for two bandwidths where defined, and at the best of 512 screened gain sets. The table is for
 {sizes.validation_size} scenarios not used for tuning. The event-triggered law was tuned without its trigger and is
 evaluated with it.
 
 {said}
 
 {table}
+
+{said_of(of_draws(sizes.validation_size))}
 
 These figures differ from those of `agvjax tune`, which has three limits, not nine, and can therefore trade the command
 of one channel for that of another. "Budget used" is the largest of the nine shares of the budget used on the unseen

@@ -11,7 +11,7 @@ import numpy as np
 from agvjax.linear import JUMP, SLOWEST
 
 from ...config.settings import Config
-from ...io import files
+from ...io import files, statements
 from ...io.pages import grid, picture, publish
 from ...io.pictures import write_figures
 from . import cycles_page, figures
@@ -176,6 +176,11 @@ def _shown(found: Found, worst: Worst, names: list[str]) -> list[tuple[str, cont
     return shown
 
 
+def _words(others: int) -> str:
+    """What the claims of this report mean; nothing where no vehicle was drawn."""
+    return f"{statements.said(statements.of_least(others, 'tightest'))}\n\n" if others else ""
+
+
 # long: one template
 def _page(config: Config, found: Found, said: list[str], margins: str, drawn: list[str]) -> str:
     lines, others = "\n".join(f"* {line}" for line in said[1:]), len(found.ok) - 1
@@ -188,7 +193,7 @@ def _page(config: Config, found: Found, said: list[str], margins: str, drawn: li
 
 {margins}
 
-{pictures}
+{_words(others)}{pictures}
 Linearised at {len(found.t)} instants from {config.criteria.late:g} s on (`criteria.late`), for the configured vehicle
 and {others} others not used for tuning. The loop is opened at one actuator, all others stay closed. A margin says how
 much of one change at that actuator the loop tolerates if nothing else changes: gain up or down, phase lag at the

@@ -17,6 +17,8 @@ from ...io.files import Json
 from ...io.pages import grid, publish
 from ...io.panels import panels
 from ...io.pictures import write_figures
+from ...io.statements import of_draws, worst_of
+from ...io.statements import said as said_of
 from ...tune.gains import value_of
 from ...tune.meanings import of_gains
 from ..captions import caption, image
@@ -32,8 +34,9 @@ COMMAND = "agvjax compare --deadzone"
 
 def table(made: list[Json]) -> str:
     """The comparison as a table; own gains and tuned ones with a bar between."""
-    header = ["remedy", "mean error, 10^-3", "worst", "variation delivered", "reversals"]
-    header += ["mean error with noise", "worst", "reversals", "diverged", "with noise", "gains", "budget used"]
+    largest = worst_of(made[0]["unseen"])
+    header = ["remedy", "mean error, 10^-3", largest, "variation delivered", "reversals"]
+    header += ["mean error with noise", largest, "reversals", "diverged", "with noise", "gains", "budget used"]
     lines = []
     for row in made:
         cells: list[object] = [LABELS[row["remedy"]] + ("" if row["met"] else " (budget not met)")]
@@ -60,11 +63,12 @@ def brief(made: list[Json], metric: str, unit: str) -> str:
         + [f"{1e3 * row[f'{key}_after{noise}']:.4g}" for noise in ("", "_noise") for key in ("mean", "worst")]
         for row in made
     ]
-    return grid([f"{metric} [10^-3 {unit}]", "mean", "worst", "with noise, mean", "worst"], lines)
+    largest = worst_of(made[0]["unseen"])
+    return grid([f"{metric} [10^-3 {unit}]", "mean", largest, "with noise, mean", largest], lines)
 
 
 def figure(made: list[Json], metric: str, unit: str) -> Figure:
-    """Mean error of every remedy, own gains and tuned, and tuned with noise; lines reach to the worst vehicle."""
+    """Mean error of every remedy, own gains and tuned, and tuned with noise; lines reach to the largest."""
     drawn, ((axes,),) = panels(1, 1, (9.0, 4.6), "both")
     kinds = (("own gains", "before", "", "o", "w"), ("tuned", "after", "", "o", "k"))
     kinds += (("tuned, with noise", "after", "_noise", "D", "0.6"),)
@@ -76,7 +80,7 @@ def figure(made: list[Json], metric: str, unit: str) -> Figure:
         axes.plot(places, worst[shown], "_", color="k", ms=6)
         axes.plot(places, heights, marker, color=color, mec="k", ms=6, label=label)
     axes.set_xticks(np.arange(len(made)), [LABELS[row["remedy"]] for row in made], rotation=25, ha="right", fontsize=8)
-    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {unit}]: mean, and worst")
+    axes.set(yscale="log", ylabel=f"{metric} [10^-3 {unit}]: mean, and {worst_of(made[0]['unseen'])}")
     axes.grid(visible=False, axis="x", which="both")
     axes.legend(fontsize=8)
     return drawn
@@ -109,7 +113,7 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
     unit = units_in(config.scenario)[metric]
     sizes, sensor = config.ensemble, study.sensor(True)
     limits = grid(
-        ["limit", "mean", "worst", "worst tenth"],
+        ["limit", "mean", worst_of(sizes.size), "mean of the largest tenth"],
         [[name, limit.mean, limit.worst, limit.cvar] for name, limit in config.tune.limits.items()],
     )
     gains = grid(
@@ -135,6 +139,8 @@ Own gains / tuned, {metric} [10^-3 {unit}], on {sizes.validation_size} validatio
 runs that did not diverge. "Budget used" is the largest share of a limit there. Every remedy was tuned by the same tuner
 on the same {sizes.size} vehicles, {when}, for the same goal and within the same limits; searches begin at the remedy's
 own gains and at the best of {config.tune.screen} screened gain sets. Noise: {sensor}.
+
+{said_of(of_draws(sizes.validation_size))}
 
 {image("remedies")}
 

@@ -46,7 +46,7 @@ def rows(judged: Mapping[str, Judged], metric: str) -> list[Json]:
             "over": "; ".join(one.over),
             "jacobians": one.found.jacobians,
         }
-        row |= {"searches": one.found.searches, "rollouts": one.found.rollouts}
+        row |= {"unseen": int(np.size(one.after[0].ok)), "searches": one.found.searches, "rollouts": one.found.rollouts}
         for when, pair in (("before", one.before), ("after", one.after)):
             for noise, metrics in zip(("", "_noise"), pair, strict=True):
                 row |= {f"{key}_{when}{noise}": value for key, value in _numbers(metrics, metric).items()}
@@ -108,8 +108,8 @@ def _best(sound: list[Json], judged: Mapping[str, Judged], by: Mapping[str, Json
     ratio = first["mean_after"] / nothing["mean_after"]
     text = (
         f"Smallest mean error within the budget: {LABELS[first['remedy']]}, {ratio:.2f} times that"
-        f" without a remedy (also tuned); the error is smaller on {gap.better:.0%} of the vehicles, the worst is"
-        f" {first['worst_after'] / nothing['worst_after']:.2f} times that without a remedy."
+        f" without a remedy (also tuned); the error is smaller on {gap.better:.0%} of the vehicles, the largest error"
+        f" is {first['worst_after'] / nothing['worst_after']:.2f} times that without a remedy."
     )
     text += (
         f" On these vehicles it uses up to {first['use']:.2f} times a limit, no remedy {nothing['use']:.2f}: an"

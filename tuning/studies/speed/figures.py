@@ -34,12 +34,12 @@ def curve(tried: list[Tried], found: Answer, config: Config) -> Figure:
     """Distances, and the speed that is driven, against the speed that is asked for."""
     drawn, ((off, driven),) = panels(1, 2, (10.5, 4.2))
     speeds, within = np.array([t.speed for t in tried]), config.speed.within
-    lines = {"worst vehicle, tuned": "worst", "mean of the vehicles, tuned": "mean"}
+    lines = {"largest of all vehicles, tuned": "worst", "mean of the vehicles, tuned": "mean"}
     for (label, name), color in zip(lines.items(), ("tab:blue", "0.55"), strict=True):
         values = 1e3 * plot.shown(np.array([t._asdict()[name] for t in tried]))
         off.plot(speeds, values, "-", lw=1.3, color=color, label=label)
     start = 1e3 * plot.shown(np.array([t.start for t in tried]))
-    off.plot(speeds, start, ":", lw=1.1, color="tab:orange", label="worst vehicle, configured gains")
+    off.plot(speeds, start, ":", lw=1.1, color="tab:orange", label="largest of all vehicles, configured gains")
     for t in tried:
         face = "tab:blue" if t.holds(within) else "white"
         off.plot(t.speed, 1e3 * plot.shown(t.worst), "o", ms=6, mfc=face, mec="tab:blue", zorder=3)
@@ -93,7 +93,7 @@ def _place(drawn: Figure, axes: Any, place: Place, config: Config) -> None:
     axes.plot(x, y, "X", ms=11, color="tab:red", mec="white", label=f"{1e3 * abs(place.across):.1f} mm", zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     holds = "holds" if place.tried.holds(config.speed.within) else "does not hold"
-    axes.set_title(f"{place.tried.speed:.3g} m/s, {holds}: vehicle {place.tried.vehicle}, the worst", fontsize=9)
+    axes.set_title(f"{place.tried.speed:.3g} m/s, {holds}: vehicle {place.tried.vehicle}, the farthest off", fontsize=9)
     axes.margins(0.12)
     axes.legend(fontsize=8)
     drawn.colorbar(dots, ax=axes, label="distance to the route [mm]", shrink=0.8)

@@ -13,6 +13,8 @@ from ...config.names import in_words
 from ...io import files
 from ...io.pages import grid, meanings, picture, publish
 from ...io.pictures import Drawing, write_figures
+from ...io.statements import of_draws, worst_of
+from ...io.statements import said as said_of
 from ...tune.meanings import of_gains
 from . import figures
 from .place import Place, place
@@ -20,8 +22,9 @@ from .study import Study, at
 from .tried import Answer, Tried, answer
 
 FASTEST = "fastest.toml"
-CURVE = "Largest distance to the route of the worst unseen vehicle over the reference speed: tuned, configured gains."
-PLACE = "Where on the route the worst vehicle is farthest from it."
+CHOSEN = "the speed was chosen with the same vehicles, so that at the speed that holds the share may be larger"
+CURVE = "Largest distance to the route of all unseen vehicles over the reference speed: tuned, configured gains."
+PLACE = "Where on the route the vehicle that is farthest off is farthest from it."
 
 
 class Told(NamedTuple):
@@ -41,17 +44,17 @@ def sentences(tried: list[Tried], found: Answer, within: float, size: int) -> li
     best, above = found
     if best is None:
         slow = tried[0]
-        return [f"At no speed tried do all {size} unseen vehicles stay {asked(within)}. {_why(slow, within)}"]
+        return [f"At no speed tried do all {size} unseen vehicles stay {asked(within)}. {_why(slow, within, size)}"]
     first = (
         f"Up to {best.speed:.3g} m/s ({best.factor:.3g} times the configured speed, lateral acceleration of the profile"
-        f" {best.lateral:.3g} m/s^2) each of {size} unseen vehicles stays {asked(within)}: {1e3 * best.worst:.1f} mm at"
-        f" worst, driven at {best.driven:.3g} m/s on average."
+        f" {best.lateral:.3g} m/s^2) each of {size} unseen vehicles stays {asked(within)}:"
+        f" {worst_of(size)} {1e3 * best.worst:.1f} mm, driven at {best.driven:.3g} m/s on average."
     )
     said = [first]
     if above is None:
         said.append("That is the highest speed tried: it may go faster; speed.high sets how fast to try.")
     else:
-        said.append(_why(above, within))
+        said.append(_why(above, within, size))
     lost = [t for t in tried if t.factor < best.factor and not t.holds(within)]
     if lost:
         slower = ", ".join(f"{t.speed:.3g}" for t in lost)
@@ -67,23 +70,23 @@ def sentences(tried: list[Tried], found: Answer, within: float, size: int) -> li
     return said
 
 
-def _why(tried: Tried, within: float) -> str:
+def _why(tried: Tried, within: float, size: int) -> str:
     """Why a speed does not hold."""
     begun = f"At {tried.speed:.3g} m/s"
     if tried.why:
         return f"{begun} nothing could be tuned: {tried.why}."
     if tried.diverged:
         return f"{begun} {tried.diverged} diverge."
-    far = f"{begun} the worst vehicle is {1e3 * tried.worst:.1f} mm off"
+    far = f"{begun} the {worst_of(size)} vehicles is {1e3 * tried.worst:.1f} mm off"
     if not within:
         far += f", {1e3 * tried.outside:.1f} mm beyond the corridor"
     return f"{far}, and the limits are not met." if tried.excess else f"{far}."
 
 
-def table(tried: list[Tried], within: float) -> str:
+def table(tried: list[Tried], within: float, size: int) -> str:
     """A row a speed."""
-    header = ["speed [m/s]", "times", "lateral [m/s^2]", "driven [m/s]", "worst [mm]", "mean [mm]"]
-    header += ["worst, configured gains [mm]", "holds", "limits", "not the whole route", "iterations"]
+    header = ["speed [m/s]", "times", "lateral [m/s^2]", "driven [m/s]", f"{worst_of(size)} [mm]", "mean [mm]"]
+    header += [f"{worst_of(size)}, configured gains [mm]", "holds", "limits", "not the whole route", "iterations"]
     rows = [
         [t.speed, t.factor, t.lateral, t.driven, 1e3 * t.worst, 1e3 * t.mean, 1e3 * t.start]
         + ["yes" if t.holds(within) else "no", "met" if t.excess == 0 else "not met", t.short, t.iterations]
@@ -137,12 +140,14 @@ Distances are the largest of a run to the nearest point of the route, for {unsee
 count after the start-up phase: from {config.speed.after:g} s at the configured speed, and from the same distance at any
 other.
 
+{said_of(of_draws(unseen), CHOSEN)}
+
 {picture("speed.png", CURVE)}
 
 {where}
 ## Every speed that was tried
 
-{table(tried, within)}
+{table(tried, within, unseen)}
 
 "Times" is the factor on the route's speed; its square is the factor on the lateral acceleration that the route allows.
 Limits on longitudinal acceleration stay. At every speed the {len(names)} gains are tuned anew on {config.ensemble.size}

@@ -16,7 +16,9 @@ from ...io.files import Json
 from ...io.pages import grid, picture, publish
 from ...io.panels import panels
 from ...io.pictures import Drawing, write_figures
-from .study import BAND, CAR_LATE, CAR_STARTS, LATE, G, Study, Told, distance
+from ...io.statements import of_draws, worst_of
+from ...io.statements import said as said_of
+from .study import BAND, CAR_LATE, CAR_STARTS, LATE, UNSEEN, G, Study, Told, distance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +98,8 @@ reference point and is not scored against the bearing. delta_psi adds to its rat
 
 {_limited(study)}
 
+{said_of(of_draws(UNSEEN))}
+
 Anti-windup bounds the correction velocity of the virtual control, subtracts from the command filter what could not be
 applied, and freezes the integral meanwhile.
 
@@ -133,7 +137,9 @@ def _paper(study: Study) -> str:
 
 def _limited(study: Study) -> str:
     rows = [_row(name, told) for name, told in study.limited.items()]
-    return grid(["unicycle with limits", *MEASURED], [*rows, _row("tuned, worst of 64 unseen vehicles", study.unseen)])
+    return grid(
+        ["unicycle with limits", *MEASURED], [*rows, _row(f"tuned, {worst_of(UNSEEN)} unseen vehicles", study.unseen)]
+    )
 
 
 def _car(study: Study) -> str:

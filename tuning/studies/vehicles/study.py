@@ -24,6 +24,7 @@ from .worlds import CommonRoadWorld, RobotWorld
 
 BAND, LATE, G = 0.05, 4.0, 9.81  # m, s, m/s^2
 LAPS, CAR_LATE, CAR_STARTS = 2, 10.0, 20  # laps of the car's path, when its error counts, and how many starts
+UNSEEN = 64  # vehicles with limits that no tuning saw
 FAR = (-2.1, 2.1)  # m, 3 m off the path
 
 
@@ -122,7 +123,7 @@ def limited(config: Config) -> Json:
         for where, start in (("paper's start", Start()), ("3 m off", Start(position=jnp.array(FAR)))):
             runs[f"{name}, {where}"] = run = agvjax.simulate(law, dataclasses.replace(config.scenario, start=start))
             judged[f"{name}, {where}"] = of_run(run)
-    unseen = sample(config.scenario, config.ensemble.draws, 64, config.seed + 1)
+    unseen = sample(config.scenario, config.ensemble.draws, UNSEEN, config.seed + 1)
     t, errors, ok, _ = _many(after, unseen, config.simulate.dt, 12.0)
     each = [told(t, error, good) for error, good in zip(errors, ok, strict=True)]
     worst = Told(all(x.ok for x in each), *(max(getattr(x, f) for x in each) for f in ("rmse", "settling", "late")))

@@ -13,6 +13,7 @@ from agvjax import Chain, Delay, Lag, Timing
 from agvjax.linear import input_names, instants, linearised, steady
 from agvjax.margins import growth
 from agvjax.margins import margins as tightest
+from claimed import meant
 from commands import run
 from mass import Mass, Spring, by_formula, mass
 from tuning.config import load
@@ -142,6 +143,7 @@ def test_a_report_of_a_robot_is_written(tmp_path):
     options = ["--set", 'controller.inner="path_pid"', "--set", "margins.vehicles=4", "--set", "margins.instants=4"]
     said, _ = run(["margins", "--config", "base", "--out", str(out), *options], 0)
     assert "The tightest loop" in said and "more delay" in said
+    assert meant((out / "report.md").read_text()) == ["tightest"]
     assert {
         "report.html",
         "report.md",

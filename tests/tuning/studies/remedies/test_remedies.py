@@ -8,6 +8,7 @@ import pytest
 
 import agvjax
 from agvjax.metric_table import METRICS, Followed
+from claimed import meant, unqualified
 from tuning.cli.main import main
 from tuning.config.load import load
 from tuning.config.settings import Limit
@@ -188,7 +189,7 @@ def test_the_conclusion_is_that_of_numbers_known_by_hand():
         f"Smallest mean error within the budget: {LABELS['identified']}, 0.50 times that without a remedy (also tuned)"
     )
     assert "it uses up to 1.21 times a limit, no remedy 1.00" in said
-    assert first in said and "smaller on 100% of the vehicles, the worst is 0.50 times" in said
+    assert first in said and "smaller on 100% of the vehicles, the largest error is 0.50 times" in said
     assert f"Within 2 standard errors of no remedy: {LABELS['nominal']}." in said
     assert f"Worse than no remedy (ratio of mean errors): {LABELS['too_large']} 1.923." in said
     assert "wrong ones: 1.5 times the true ones 2.00; 0.5 times the true ones 1.00, 1 diverge times its error." in said
@@ -228,6 +229,8 @@ def test_the_page_has_one_table_one_figure_and_the_numbers(base, tmp_path):
     text = page.write(Study(base), judged, {}, tmp_path)
     assert "| nothing | 11 | 12 |" in text  # a terminal is told of tuned gains alone
     assert "| nothing | 100 / 11 | 100 / 12 | 8 / 8 | 6 / 6 |" in (tmp_path / "report.md").read_text()
+    assert not unqualified(text + (tmp_path / "report.md").read_text())
+    assert meant((tmp_path / "report.md").read_text()) == [f"worst of {base.ensemble.validation_size}"]
     files = {path.name for path in tmp_path.iterdir()}
     assert {"report.md", "report.html", "remedies.png", "remedies.csv", "remedies.json"} <= files
 

@@ -39,7 +39,7 @@ def test_the_answer_is_the_highest_speed_that_holds_and_the_next_one_above_it():
     best, above = answer(speeds, 0.05)
     assert (best, above) == (speeds[2], speeds[3])
     said = told(*speeds)
-    assert "Up to 1.2 m/s" in said and "At 1.3 m/s the worst vehicle is 51.0 mm off." in said
+    assert "Up to 1.2 m/s" in said and "At 1.3 m/s the worst of 256 vehicles is 51.0 mm off." in said
     assert "highest speed tried" not in said and "every lower speed" not in said
     assert answer(speeds, 0.0).best == speeds[3]  # the corridor of this study is 0.1 m wide
 
@@ -48,7 +48,7 @@ def test_what_is_not_known_is_said():
     held = [tried(1.0, 0.02), tried(1.5, 0.03)]
     assert answer(held, 0.05) == (held[1], None) and "That is the highest speed tried" in told(*held)
     assert answer(held, 0.01) == (None, held[0]) and "At no speed" in told(*held, within=0.01)
-    assert "At 1 m/s the worst vehicle is 20.0 mm off." in told(*held, within=0.01)
+    assert "At 1 m/s the worst of 256 vehicles is 20.0 mm off." in told(*held, within=0.01)
     assert "0.7 m/s does not" in told(tried(0.7, 0.06), *held)
     assert "A reference above 1 m/s" in told(tried(1.0, 0.02, driven=0.9), tried(1.5, 0.03, driven=0.903))
     assert "3 of the 256 vehicles do not drive" in told(tried(1.0, 0.02, short=3))

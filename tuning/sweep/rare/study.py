@@ -1,0 +1,215 @@
+"""A search for rare failures in a folder: what was prepared and every chunk of draws are kept, so that it can go on."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+import agvjax
+
+from ... import config as configuration
+from ...config.settings import Config
+from ...io import files
+from .. import verdict
+from ..design import Design, design
+from ..work import recorded
+from . import loop
+from .estimate import Drawn, Estimate, drawn, estimate
+from .mixture import Mixture
+from .prepare import Prepared, prepare
+from .problem import Problem, within
+from .rules import faults
+
+FOUND, DRAWS = "rare-search", "rare-draws"  # files: what was prepared; the draws, chunk by chunk
+REAL = ("cut", "probability", "variance", "pilot", "covered")  # numbers of what was prepared
+SHOWN = 6  # most likely failures that are kept
+Arrays = dict[str, np.ndarray]
+Said = Callable[[str], None]
+Counted = Callable[[int], None]
+
+
+def silent(text: str) -> None:
+    """Say nothing."""
+
+
+def uncounted(vehicles: int) -> None:
+    """Count nothing."""
+
+
+class Study(NamedTuple):
+    """What is asked: of which vehicles, and what counts as a failure."""
+
+    config: Config
+    plan: Design
+    bounds: dict[str, float]  # beyond which a run has failed
+    judge: loop.Judge
+    problem: Problem
+    digest: str  # of the configuration
+
+
+class Point(NamedTuple):
+    """A failure, one of the most likely."""
+
+    distance: float  # from the middle of the ensemble, in standard deviations of a normal number
+    share: float  # of the estimated probability that lies about it, among the points found
+    u: np.ndarray  # (D,)
+    leaves: Arrays
+    metrics: dict[str, float]
+
+    @property
+    def importance(self) -> np.ndarray:
+        """Squared direction cosines (D,): how much of the way is that of each number; their sum is 1."""
+        square = self.u**2
+        return square / max(float(square.sum()), np.finfo(float).tiny)
+
+
+class Outcome(NamedTuple):
+    """What a search came to."""
+
+    prepared: Prepared
+    draws: Drawn
+    estimate: Estimate
+    points: list[Point]  # the most likely first
+    rollouts: int  # of the search and of the draws
+
+
+def posed(config: Config, tick: Counted = uncounted) -> Study:
+    """Of a configuration found sound.
+
+    Args:
+        config: with its `sweep`.
+        tick: called with the number of vehicles that were rolled out.
+
+    Raises:
+        InputError: a bound is relative to a nominal run that has no value, or the nominal run fails.
+    """
+    plan = design(config)
+    judged = loop.judge(config, plan, agvjax.check(config.controller), recorded(config))
+    bounds = verdict.bounds_of(config, plan, judged, 1)
+    text = configuration.dump(config, strict=False) + configuration.gains_table(config.controller)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:32]
+    return Study(config, plan, bounds, judged, loop.problem(config, plan, config.controller, bounds, tick), digest)
+
+
+def search(config: Config, folder: str | Path) -> Outcome:
+    """Search, draw and estimate in a folder, new or with what an interrupted call left.
+
+    Raises:
+        InputError: lists every bad setting.
+    """
+    asked = posed(configuration.check(config, faults))
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return run(asked, Path(folder))
+
+
+def run(asked: Study, folder: Path, say: Said = silent, tick: Counted = uncounted) -> Outcome:
+    """Search, draw, estimate; what the folder holds already is not done again.
+
+    Args:
+        asked: what.
+        folder: where to keep it.
+        say: is told what is done.
+        tick: called with the number of vehicles that the folder holds already.
+    """
+    config, problem = asked.config, asked.problem
+    found = _read(folder / f"{FOUND}.npz", asked.digest)
+    if found is None:
+        say("looking for where vehicles fail")
+        prepared = prepare(problem, config.sweep.rollouts, config.seed)
+        _write(folder / f"{FOUND}.npz", asked.digest, _arrays(prepared))
+    else:
+        prepared = _prepared(found)
+        tick(prepared.spent)
+    say("drawing there")
+    chunk, of_these = config.sweep.shard, asked._replace(digest=_digest(asked.digest, prepared))
+    chunks = [
+        _chunk(of_these, prepared, folder / f"{DRAWS}-{i:05d}.npz", first, min(chunk, prepared.draws - first), tick)
+        for i, first in enumerate(range(0, prepared.draws, chunk))
+    ]
+    draws = Drawn(*(np.concatenate(parts) for parts in zip(*chunks, strict=True)))
+    made = estimate(prepared, draws, problem.tail)
+    points = _points(asked, prepared, draws) if made.failures else []
+    return Outcome(prepared, draws, made, points, prepared.spent + rolled_out(draws))
+
+
+def rolled_out(draws: Drawn) -> int:
+    """How many of the draws were simulated."""
+    return int(within(draws.u).sum())
+
+
+def _chunk(asked: Study, prepared: Prepared, path: Path, first: int, count: int, tick: Counted) -> Drawn:
+    """One chunk of draws, from its file or rolled out and kept."""
+    config, before = asked.config, _read(path, asked.digest)
+    if before is not None and set(before) == {"failed"} and before["failed"].shape == (count,):
+        u, plain = prepared.mixture.draw(config.seed, "estimate", first, count)
+        tick(count)
+        return Drawn(u, prepared.mixture.weights(u), before["failed"], plain)
+    made = drawn(asked.problem, prepared, config.seed, first, count)
+    _write(path, asked.digest, {"failed": made.failed})
+    return made
+
+
+def _points(asked: Study, prepared: Prepared, draws: Drawn) -> list[Point]:
+    """The failures that the mixture was made about, or those drawn near them that are more likely."""
+    near = draws.failed & (draws.weights > 0)
+    u, weights = draws.u[near], draws.weights[near]
+    of_each = np.exp(prepared.mixture.ratios(u)[2:]) * prepared.mixture.shares[:, None]
+    home = np.argmax(of_each, axis=0)
+    shares = np.bincount(home, weights, len(prepared.mixture.points)) / weights.sum()
+    best = []
+    for i, point in enumerate(prepared.mixture.points):
+        pool = np.concatenate([point[None][: int(point.any())], u[home == i]])  # the middle stands for none found
+        if len(pool):
+            best.append((shares[i], min(pool, key=lambda x: float(x @ x))))
+    best = sorted(best, key=lambda pair: float(pair[1] @ pair[1]))[:SHOWN]
+    leaves = loop.vehicles(asked.plan, np.array([place for _, place in best]))
+    judged = asked.judge(leaves)
+    return [
+        Point(
+            float(np.linalg.norm(place)),
+            float(share),
+            place,
+            {name: np.asarray(x[i]) for name, x in leaves.items()},
+            {name: float(x[i]) for name, x in judged.items() if name != "ok"},
+        )
+        for i, (share, place) in enumerate(best)
+    ]
+
+
+def _digest(digest: str, prepared: Prepared) -> str:
+    """Of the draws that belong to what was prepared: on another machine it may be prepared to other digits."""
+    return hashlib.sha256(
+        digest.encode() + b"".join(np.asarray(x).tobytes() for x in _arrays(prepared).values())
+    ).hexdigest()
+
+
+def _arrays(prepared: Prepared) -> dict[str, ArrayLike]:
+    mixture = {f"mixture/{name}": value for name, value in prepared.mixture._asdict().items()}
+    return mixture | {name: value for name, value in prepared._asdict().items() if name != "mixture"}
+
+
+def _prepared(arrays: Arrays) -> Prepared:
+    mixture = Mixture(arrays["mixture/points"], arrays["mixture/shares"], float(arrays["mixture/wide"]))
+    tried, draws, spent = (int(arrays[name]) for name in ("tried", "draws", "spent"))
+    cut, mean, variance, pilot, covered = (float(arrays[name]) for name in REAL)
+    return Prepared(mixture, cut, mean, variance, tried, pilot, covered, draws, spent)
+
+
+def _write(path: Path, digest: str, arrays: Mapping[str, ArrayLike]) -> None:
+    files.write_npz(path, {"digest": np.asarray(digest), **arrays})
+
+
+def _read(path: Path, digest: str) -> Arrays | None:
+    """What a file holds, every byte of it checked; None if it is absent, cut short, damaged or of other settings."""
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            arrays = {str(name): file[name] for name in file}  # zip knows a checksum of each
+        return arrays if str(arrays.pop("digest")) == digest else None
+    except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+        return None
