@@ -82,3 +82,8 @@ def same_folder(name: str | None, command: str, config: Config) -> Path:
         raise InputError([Fault("--resume", name, f"the run that these settings began; changed: {changed}")])
     files.sweep_up(out)
     return out
+
+
+def of_run(name: str, file: str) -> str:
+    """A file by its name, or of a run by the name of its folder."""
+    return str(Path(name) / file) if Path(name).is_dir() else name

@@ -100,6 +100,9 @@ TOPICS = (
         help="whose times: the sender's or those of arrival (default: the sender's where there are any)",
     ),
 )
+FIT = option(
+    "--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"
+)
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
@@ -111,7 +114,7 @@ IDENTIFY = Command(
         ),
         many("--unseen", "LOG", "a drive to predict with what was identified"),
         *TOPICS,
-        option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves"),
+        FIT,
     ),
 )
 LOG = Command(
@@ -124,6 +127,27 @@ LOG = Command(
     ),
     "drive.mcap",
     (),
+)
+APPLY = Command(
+    "may new gains replace those on the robot? By what its last log leaves possible; exit code 1 if not",
+    (
+        option("new", metavar="NEW.toml", help="the new gains, or the folder of the run that tuned them"),
+        option("--over", metavar="CURRENT.toml", help="the gains on the robot, or the folder that has them"),
+        many("--log", "LOG", "the robot's last drive, as `agvjax identify` reads it"),
+        option("--identified", metavar="DIR", help="in place of a log the folder of `agvjax identify`"),
+        *TOPICS,
+        FIT,
+    ),
+    "new.toml --over current.toml --log today.mcap",
+)
+WATCH = Command(
+    "are gains still tuned for the robot that a log is of? Exit code 1 if not, or if it cannot be told",
+    (
+        option("logs", nargs="+", metavar="LOG", help="recorded drives, as `agvjax identify` reads them"),
+        *TOPICS,
+        FIT,
+    ),
+    "today.mcap --config tuned/config.toml",
 )
 EXPORT = Command(
     "the step of a tuned sampled controller as C, NumPy, ROS 2, StableHLO or FMU",
@@ -157,6 +181,8 @@ COMMANDS = {
     "vehicles": Command("unicycle, car and robot with limits, delay and sampling, tuned and evaluated"),
     "log": LOG,
     "identify": IDENTIFY,
+    "apply": APPLY,
+    "watch": WATCH,
     "export": EXPORT,
     "explain": EXPLAIN,
     "completion": COMPLETION,

@@ -50,13 +50,12 @@ PAGES = {  # where docs speak of keys that begin so; the longest that fits
     "controller.anti_windup": "docs/vehicles.md",
     "scenario": "docs/vehicles.md",
     "scenario.path": "docs/following.md, docs/vehicles.md",
-    "ensemble": "docs/tuning.md",
-    "tune": "docs/tuning.md",
-    "pareto": "docs/tuning.md",
+    **dict.fromkeys(("ensemble", "tune", "pareto"), "docs/tuning.md"),
     "speed": "docs/following.md",
     "margins": "docs/deadzone.md",
     "sweep": "docs/robustness.md",
     "identify": "docs/robot.md, docs/logs.md",
+    **dict.fromkeys(("apply", "watch"), "docs/staged.md"),
 }
 LEFT_OPEN = "set by law and vehicle"
 

@@ -31,6 +31,8 @@ FACTOR = Rule("> 1 and at most 10^3", lambda x: (x > 1) & (x <= 1e3))
 LONG = Rule("from 10^-3 to 10^4", lambda x: (x >= 1e-3) & (x <= 1e4))
 DURATION = Rule("from 0.1 to 3600", lambda x: (x >= 0.1) & (x <= 3600))
 MEMORY = Rule("from 10^-3 to 10", lambda x: (x >= 1e-3) & (x <= 10))
+SHARE = Rule("> 0 and < 1", lambda x: (x > 0) & (x < 1))
+PROVING = _whole(10, 1e6, "10^6")
 PACE = Rule("from 10^-3 to 10^3", lambda x: (x >= 1e-3) & (x <= 1e3))
 
 

@@ -21,12 +21,14 @@ from .asked import Weights as Weights
 from .asked import default_goals as default_goals
 from .asked import default_limits as default_limits
 from .fields import COUNT, FACTOR, MANY, OPEN, RATE, ROUNDS, SCREENED, SOME, STARTS, USUAL, WHOLE, choice
+from .tools import Apply as Apply
 from .tools import Bound as Bound
 from .tools import Identify as Identify
 from .tools import Margins as Margins
 from .tools import Pareto as Pareto
 from .tools import Speed as Speed
 from .tools import Sweep as Sweep
+from .tools import Watch as Watch
 from .tools import default_over as default_over
 
 VERSION = 1  # of the file format
@@ -189,6 +191,8 @@ class Config:
         margins: of `agvjax margins`: where a loop is linearised.
         sweep: of `agvjax sweep`: the scenarios, and what counts as a failure.
         identify: of `agvjax identify`: how a log is read and fitted.
+        apply: of `agvjax apply`: when new gains may replace others.
+        watch: of `agvjax watch`: when a log says that gains are no longer tuned.
     """
 
     version: int = choice(VERSION, (VERSION,))
@@ -206,6 +210,8 @@ class Config:
     margins: Margins = Margins()
     sweep: Sweep = Sweep()
     identify: Identify = dataclasses.field(default_factory=Identify)
+    apply: Apply = Apply()
+    watch: Watch = Watch()
 
     def judged(self, **more: bool) -> agvjax.Criteria:
         """How runs are judged; `more` as in `agvjax.Criteria`."""

@@ -19,8 +19,10 @@ from .fields import (
     MEMORY,
     OPEN,
     PACE,
+    PROVING,
     ROLLED,
     ROUNDS,
+    SHARE,
     STARTS,
     SWEPT,
     USUAL,
@@ -175,3 +177,39 @@ class Identify:
     yaw_rate: float = number(1.2, "rad/s", PACE)
     extent: float = number(5.0, "m", LONG)
     duration: float = number(60.0, "s", DURATION)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Apply:
+    """When new gains may replace those on a robot.
+
+    Attributes:
+        vehicles: vehicles drawn as the log leaves them possible, on which both sets of gains are simulated.
+        share: of all such vehicles that must not be worse with the new gains.
+        confidence: with which that must follow from those that were drawn.
+        margin: share by which the error of a vehicle may rise and still count as not worse.
+        slack: share by which a limit may be exceeded on the vehicles that were drawn.
+        samples: further vehicles among which the searches for the worst one begin.
+    """
+
+    vehicles: int = number(256, "1", PROVING)
+    share: float = number(0.95, "1", SHARE)
+    confidence: float = number(0.95, "1", SHARE)
+    margin: float = number(0.0, "1", NONNEGATIVE)
+    slack: float = number(0.02, "1", NONNEGATIVE)
+    samples: int = number(128, "1", STARTS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Watch:
+    """When a log says that gains are no longer tuned for the robot that it is of.
+
+    Attributes:
+        false_alarms: share of the logs of an unchanged robot that raise an alarm.
+        logs: logs that are simulated, of vehicles that the gains were tuned for, to be compared with.
+        seen: change of a number, as a share of it, that a log must be able to show to say anything of it.
+    """
+
+    false_alarms: float = number(0.01, "1", SHARE)
+    logs: int = number(199, "1", PROVING)
+    seen: float = number(0.3, "1", POSITIVE)

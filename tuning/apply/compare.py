@@ -1,0 +1,111 @@
+"""Both sets of gains on the same vehicles, and on the worst ones that are found."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+import agvjax
+from agvjax.leaves import swap
+
+from ..config.settings import Config
+from ..ensemble.draws import sample
+from ..ensemble.worst import Adversary
+from ..tune.finer import judged
+from ..tune.methods.objective import Objective
+from ..tune.problem import requirements
+from ..tune.tuner import BLOCK
+from .decision import Limited
+
+PART = 500  # of the random numbers: other vehicles than those that were tuned, searched and validated on
+
+
+class Compared(NamedTuple):
+    """Metrics and costs with the current gains, then with the new ones."""
+
+    objective: Objective
+    metrics: tuple[agvjax.Metrics, agvjax.Metrics]  # of n vehicles
+    costs: np.ndarray  # (2, n), infinite where a run diverges
+    worst: np.ndarray  # (2, k), of the worst vehicles that were found, of the current gains and of the new ones
+    found: list[dict[str, np.ndarray]]  # their leaves
+    limits: list[Limited]
+
+
+def compare(config: Config, current: agvjax.Law, new: agvjax.Law, tick: Callable[[str], object]) -> Compared:
+    """Simulate the gains on vehicles that the ensemble draws, the same for both, and search for the worst of each.
+
+    Raises:
+        RuntimeError: every run diverges with the current gains.
+    """
+    draws, settings = config.ensemble.draws, config.apply
+    batch = sample(config.scenario, draws, settings.vehicles, config.seed, PART)
+    before, after = _judged(config, current, batch, tick), _judged(config, new, batch, tick)
+    objective = requirements(config.tune, config.judged())
+    baseline = objective.baseline_of(before)
+    weights = cost_weights(objective, baseline)
+    costs = np.stack([cost(weights, metrics) for metrics in (before, after)])
+    levels = [objective.levels_of(metrics, baseline)[len(objective.goals) :] for metrics in (before, after)]
+    limits = [Limited(r.name, float(a), float(b)) for r, a, b in zip(objective.limits, *levels, strict=True)]
+    adversary, found = _adversary(config, objective, weights), []
+    for law in (current, new) if draws else ():
+        found.append(adversary.search(agvjax.check(law))[0].scenario)
+        tick("searched for the worst")
+    there = np.zeros((2, 0))
+    if found:
+        both = agvjax.batch(config.scenario, {name: np.stack([one[name] for one in found]) for name in found[0]})
+        there = np.stack([cost(weights, judged(config, law, both)) for law in (current, new)])
+    return Compared(objective, (before, after), costs, there, found, limits)
+
+
+def _judged(config: Config, law: agvjax.Law, batch: agvjax.Batch, tick: Callable[[str], object]) -> agvjax.Metrics:
+    metrics = judged(config, law, batch)
+    tick("simulated")
+    return metrics
+
+
+def cost_weights(objective: Objective, baseline: np.ndarray) -> dict[str, float]:
+    """By metric its weight in the cost of one vehicle: that of the goals, by what the current gains have on average.
+
+    Args:
+        objective: whose goals.
+        baseline: (3, M), statistics with the current gains.
+    """
+    weights: dict[str, float] = {}
+    for goal in objective.goals:
+        unit = float(baseline[0, objective.names.index(goal.column)])
+        weights[goal.metric] = weights.get(goal.metric, 0.0) + goal.value / unit
+    total = sum(goal.value for goal in objective.goals)
+    return {metric: weight / total for metric, weight in weights.items()}
+
+
+def cost(weights: Mapping[str, float], metrics: agvjax.Metrics) -> np.ndarray:
+    """The weighted sum of the goals' metrics of every vehicle, infinite where a run diverges.
+
+    1 is what the current gains have on average.
+    """
+    total = sum(weight * np.asarray(metrics[name], float) for name, weight in weights.items())
+    return np.where(np.asarray(metrics.ok), total, np.inf)
+
+
+def _adversary(config: Config, objective: Objective, weights: Mapping[str, float]) -> Adversary:
+    """The search for the vehicle of the highest cost; what it moves is the law."""
+    ask, scenario = config.tune.search, agvjax.check(config.scenario)
+    criteria = agvjax.Criteria.of(tuple(weights), sloped=True, like=objective.judged)
+
+    def rollout(law: Any, leaves: Mapping[str, Array]) -> tuple[Array, Array]:
+        batch = agvjax.Batch(scenario=swap(scenario, dict(leaves)), names=tuple(leaves))
+        dtype = jnp.result_type(float).type
+        timing = config.timing("tune")
+        metrics = agvjax.evaluate(law, batch, criteria=criteria, dtype=dtype, block=BLOCK, **timing)
+        return jnp.stack([sum(weight * metrics[name] for name, weight in weights.items())]), metrics.ok
+
+    scouts = max(config.apply.samples, ask.starts)
+    settings = dataclasses.replace(ask, scouts=scouts, checks=0)  # the vehicles that were drawn are checks enough
+    draws = config.ensemble.draws
+    return Adversary(jax.jit(rollout), ("cost",), scenario, draws, ("cost",), settings, config.seed)
