@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -108,4 +107,5 @@ def _adversary(config: Config, objective: Objective, weights: Mapping[str, float
     scouts = max(config.apply.samples, ask.starts)
     settings = dataclasses.replace(ask, scouts=scouts, checks=0)  # the vehicles that were drawn are checks enough
     draws = config.ensemble.draws
-    return Adversary(jax.jit(rollout), ("cost",), scenario, draws, ("cost",), settings, config.seed)
+    found = Adversary(rollout, ("cost",), scenario, draws, ("cost",), settings, config.seed)
+    return dataclasses.replace(found, compiled=(found.climb, found.look))  # `evaluate` is compiled, once for all logs

@@ -132,7 +132,9 @@ def page(result: Applied, named: tuple[str, str]) -> str:
     if found is not None:
         parts += [picture("vehicles.png", CAPTION), predicted(result)]
         if found.limits:
-            rows = [[r.name, r.before, r.after, "kept" if r.kept(asked.slack) else "**not kept**"] for r in found.limits]
+            rows = [
+                [r.name, r.before, r.after, "kept" if r.kept(asked.slack) else "**not kept**"] for r in found.limits
+            ]
             words = f"1 is the bound. A limit that is held now must be held, but for {asked.slack:.0%}; another one"
             parts += [f"## {LIMITS}", f"{words} must not be exceeded further.", grid(["limit", "now", "new", ""], rows)]
     rows = changed(result.current, result.new)

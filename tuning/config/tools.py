@@ -207,9 +207,11 @@ class Watch:
     Attributes:
         false_alarms: share of the logs of an unchanged robot that raise an alarm.
         logs: logs that are simulated, of vehicles that the gains were tuned for, to be compared with.
+        allowed: change of a number, as a share of it, with which gains still count as tuned.
         seen: change of a number, as a share of it, that a log must be able to show to say anything of it.
     """
 
     false_alarms: float = number(0.01, "1", SHARE)
     logs: int = number(199, "1", PROVING)
+    allowed: float = number(0.05, "1", NONNEGATIVE)
     seen: float = number(0.3, "1", POSITIVE)

@@ -1,0 +1,33 @@
+"""`agvjax watch`: are gains still tuned for the robot that a log is of?"""
+
+from __future__ import annotations
+
+import argparse
+
+from ..identify.fit import ROUNDS
+from ..identify.task import task
+from ..io.logs import is_recording
+from ..watch import page, watch
+from ..watch.rules import faults
+from ..watch.run import STARTS, asked
+from .folders import new_folder, of_run
+from .log import topics
+from .prepare import configure
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the logs, hold them against what the gains were tuned for, say what comes of it; 1 unless still tuned."""
+    wishes = {"identify.topics": topics(arguments.topics)} if arguments.topics else {}
+    wishes |= {"identify.stamps": arguments.stamps} if arguments.stamps else {}
+    wishes |= {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else {}
+    files = [of_run(name, "config.toml") for name in arguments.config]
+    config, console = configure(argparse.Namespace(**{**vars(arguments), "config": files}), faults, wishes)
+    with console.phases() as phases:
+        phase = phases.begin("reading", unit="messages" if any(map(is_recording, arguments.logs)) else "rows")
+        posed = task(arguments.logs, asked(config), phase.advance)
+    with console.parts("comparing", STARTS + ROUNDS + 2) as tick:
+        found = watch(config, posed, tick)
+    out = new_folder(arguments.out, arguments.command)
+    text = page.write(config, found, posed.logs, out)
+    console.conclude(text, f"written to {out}; begin with {out}/report.html")
+    return 0 if found.told and not found.alarm else 1

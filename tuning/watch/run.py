@@ -1,0 +1,187 @@
+"""Is the robot of a log one of the vehicles that gains were tuned for? A rank test against logs simulated of these."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..config.settings import Config, Watch
+from ..ensemble.draws import sample, uniform
+from ..identify.fit import Fit, Task, fit
+from ..identify.parameters import Parameter
+from .residuals import Slopes, simulated, slopes, steps
+from .rules import watched
+
+PART = 501  # of the random numbers: other vehicles than those of tuning and of `apply`
+STARTS = 1  # of the fit: it begins where the gains were tuned
+SURELY = 0.9  # share of the logs of a robot whose number has moved that must raise the alarm for the change to be seen
+HALVINGS, WIDEST = 30, 1e3  # of the search for the least change that is seen; in multiples of what a number may move
+BESIDE = 0.8  # of the best explanation, that another one is named beside it
+
+
+class Number(NamedTuple):
+    """One number that gains were tuned for, and what the log says of it."""
+
+    name: str
+    unit: str
+    tuned: float
+    seems: float  # where it would have to be, did it alone explain the log
+    explains: float  # share of the distance between log and model that it alone explains
+    seen: float  # the least change that this log would show
+    wanted: float  # the change that it should show
+    spread: float  # standard deviation over the vehicles that the gains were tuned for
+
+    @property
+    def told(self) -> bool:
+        """Whether the log says anything of it."""
+        return self.seen <= self.wanted
+
+
+class Watched(NamedTuple):
+    """What a log says."""
+
+    fit: Fit
+    rank: float  # share of the simulated logs, itself among them, that are as far from the model
+    distance: float
+    others: np.ndarray  # (n,), distances of the simulated logs
+    alarm: bool
+    numbers: tuple[Number, ...]
+    steps: np.ndarray  # (C,), rms of the residuals one step ahead
+    others_steps: np.ndarray  # (n, C)
+
+    @property
+    def told(self) -> bool:
+        """Whether the log says anything: an alarm does."""
+        return self.alarm or any(one.told for one in self.numbers)
+
+    @property
+    def moved(self) -> list[Number]:
+        """The numbers that explain an alarm best, each alone, the best first."""
+        order = sorted(self.numbers, key=lambda one: -one.explains)
+        return [one for one in order if one.explains >= BESIDE * order[0].explains] if self.alarm else []
+
+
+def asked(config: Config) -> Config:
+    """The configuration whose fit has the numbers that are watched."""
+    return dataclasses.replace(config, identify=dataclasses.replace(config.identify, fit=watched(config)))
+
+
+def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda text: None) -> Watched:
+    """Whether a log is of one of the vehicles that gains were tuned for.
+
+    The statistic is how far the numbers seem to have moved, by the slopes of the likelihood, in units of what noise and
+    the tuned vehicles' own spread do. Its rank among logs that are simulated of these vehicles, with the same commands
+    and the noise that the log's best fit leaves, is the chance of a false alarm: were the robot one of them, every rank
+    would be as likely, whatever the noise and however few the rows.
+
+    Args:
+        config: the scenario and the ensemble that the gains were tuned for.
+        posed: the logs, read for `asked(config)`.
+        tick: is told the name of each part of the work as it ends.
+
+    Raises:
+        agvjax.InputError: the commands do not explain the log, but would with another sign, unit or order.
+    """
+    found = fit(posed, STARTS, config.identify.outlier, config.seed, tick)
+    seen = slopes(found)
+    tick("compared")
+    vehicles = drawn(config, found.parameters)
+    residuals = simulated(found, seen, vehicles, np.random.default_rng([config.seed, PART]))
+    tick("simulated")
+    own, others = seen.moved(seen.own[None])[0], seen.moved(residuals)
+    return _judged(config, found, seen, vehicles, own, others, residuals)
+
+
+def drawn(config: Config, parameters: tuple[Parameter, ...]) -> np.ndarray:
+    """Vehicles (n, P) for which the gains count as tuned: those of the ensemble, and what is allowed about them."""
+    count, size = config.watch.logs, len(parameters)
+    batch = sample(config.scenario, config.ensemble.draws, count, config.seed, PART)
+    own = [np.asarray(batch.values[q.name], float) if q.name in batch.names else q.nominal for q in parameters]
+    whole = np.column_stack([np.broadcast_to(x, (count,)) for x in own])
+    whole += (
+        (2 * uniform(config.seed, "watch", count, size) - 1) * config.watch.allowed * sizes(parameters, config.watch)
+    )
+    low, high = np.array([(q.low, q.high) for q in parameters]).T
+    return np.clip(whole, low, high)
+
+
+def sizes(parameters: tuple[Parameter, ...], settings: Watch) -> np.ndarray:
+    """What changes are shares of (P,): the numbers, or of those near 0 what a small one of their kind is."""
+    return np.array([max(abs(q.nominal), q.floor / settings.seen) for q in parameters])
+
+
+def _judged(
+    config: Config,
+    found: Fit,
+    seen: Slopes,
+    vehicles: np.ndarray,
+    own: np.ndarray,
+    others: np.ndarray,
+    residuals: np.ndarray,
+) -> Watched:
+    spread = np.cov(vehicles.T).reshape(own.size, own.size)
+    W = np.linalg.inv(np.linalg.inv(seen.information) + spread)
+    distance, far = _distance(own[None], W)[0], _distance(others, W)
+    rank = (1 + np.sum(far >= distance)) / (1 + len(far))
+    numbers = _numbers(found.parameters, W, own, others, np.sqrt(np.diag(spread)), config.watch)
+    ahead, other_steps = (steps(r, found.segments.weight) for r in (seen.own[None], residuals))
+    alarm = bool(rank <= config.watch.false_alarms + 1e-12)
+    return Watched(found, float(rank), float(distance), far, alarm, numbers, ahead[0], other_steps)
+
+
+def _distance(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
+    return np.einsum("np,pq,nq->n", moved, W, moved)
+
+
+def _numbers(
+    parameters: tuple[Parameter, ...],
+    W: np.ndarray,
+    own: np.ndarray,
+    others: np.ndarray,
+    spread: np.ndarray,
+    settings: Watch,
+) -> tuple[Number, ...]:
+    limit = critical(_distance(others, W), settings.false_alarms)
+    pull, distance = W @ own, max(float(own @ W @ own), 1e-300)
+    told = []
+    for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters, settings), strict=True)):
+        move, share = pull[j] / W[j, j], pull[j] ** 2 / W[j, j] / distance
+        least = max(least_seen(others, W, j, sign * wanted, limit) for sign in (1.0, -1.0))
+        told.append(Number(q.name, q.unit, q.nominal, q.nominal + move, share, least, wanted, float(spread[j])))
+    return tuple(told)
+
+
+def critical(distances: np.ndarray, false_alarms: float) -> float:
+    """The distance from which on a log has a rank that raises the alarm."""
+    place = int(np.floor(false_alarms * (len(distances) + 1) + 1e-9))
+    return float(np.sort(distances)[::-1][place - 1])
+
+
+def least_seen(others: np.ndarray, W: np.ndarray, j: int, unit: float, limit: float) -> float:
+    """The least change of one number that raises the alarm in `SURELY` of the simulated logs; to one side.
+
+    Args:
+        others: (n, P), how far numbers seem to have moved in simulated logs.
+        W: (P, P), of the distance.
+        j: which number.
+        unit: the change that it should show, with its sign.
+        limit: the distance that raises the alarm.
+    """
+
+    def raised(times: float) -> bool:
+        moved = others.copy()
+        moved[:, j] += times * unit
+        return bool(np.mean(_distance(moved, W) > limit) >= SURELY)
+
+    low, high = 0.0, 1.0
+    while not raised(high):
+        low, high = high, 2 * high
+        if high > WIDEST:
+            return np.inf
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if raised(middle) else (middle, high)
+    return abs(unit) * high
