@@ -51,15 +51,29 @@ def compare(config: Config, current: agvjax.Law, new: agvjax.Law, tick: Callable
     costs = np.stack([cost(weights, metrics) for metrics in (before, after)])
     levels = [objective.levels_of(metrics, baseline)[len(objective.goals) :] for metrics in (before, after)]
     limits = [Limited(r.name, float(a), float(b)) for r, a, b in zip(objective.limits, *levels, strict=True)]
+    found, worst = _searched(config, (current, new), objective, weights, tick) if draws else ([], np.zeros((2, 0)))
+    for i in range(len(found)):  # what was drawn may be worse than what the search found
+        at = int(np.argmax(costs[i]))
+        if costs[i, at] > worst[i, i]:
+            worst[:, i] = costs[:, at]
+            found[i] = {name: np.asarray(value)[at] for name, value in batch.values.items()}
+    return Compared(objective, (before, after), costs, worst, found, limits)
+
+
+def _searched(
+    config: Config,
+    laws: tuple[agvjax.Law, agvjax.Law],
+    objective: Objective,
+    weights: Mapping[str, float],
+    tick: Callable[[str], object],
+) -> tuple[list[dict[str, np.ndarray]], np.ndarray]:
+    """The worst vehicle for each of the laws, and what either costs there (2, 2)."""
     adversary, found = _adversary(config, objective, weights), []
-    for law in (current, new) if draws else ():
+    for law in laws:
         found.append(adversary.search(agvjax.check(law))[0].scenario)
         tick("searched for the worst")
-    there = np.zeros((2, 0))
-    if found:
-        both = agvjax.batch(config.scenario, {name: np.stack([one[name] for one in found]) for name in found[0]})
-        there = np.stack([cost(weights, judged(config, law, both)) for law in (current, new)])
-    return Compared(objective, (before, after), costs, there, found, limits)
+    both = agvjax.batch(config.scenario, {name: np.stack([one[name] for one in found]) for name in found[0]})
+    return found, np.stack([cost(weights, judged(config, law, both)) for law in laws])
 
 
 def _judged(config: Config, law: agvjax.Law, batch: agvjax.Batch, tick: Callable[[str], object]) -> agvjax.Metrics:
