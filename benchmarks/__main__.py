@@ -15,6 +15,7 @@ from typing import Any
 
 from . import (
     accuracy,
+    days,
     drives,
     explore,
     figure,
@@ -46,6 +47,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "sweep": sweep.measure,
     "explore": explore.measure,
     "drives": lambda turns: drives.measure(),
+    "days": lambda turns: days.measure(),
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
 
@@ -59,8 +61,11 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
+    parser.add_argument("--days", type=int, default=days.DAYS, help="that a robot drifts, of days and wheels")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="after which these end")
     given = parser.parse_args()
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
+    PARTS["days"] = lambda turns: days.measure(given.days, given.hours)
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES once, with {given.most} rollouts."}

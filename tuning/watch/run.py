@@ -124,7 +124,7 @@ def _judged(
 ) -> Watched:
     spread = np.cov(vehicles.T).reshape(own.size, own.size)
     W = np.linalg.inv(np.linalg.inv(seen.information) + spread)
-    distance, far = _distance(own[None], W)[0], _distance(others, W)
+    distance, far = distance_of(own[None], W)[0], distance_of(others, W)
     rank = (1 + np.sum(far >= distance)) / (1 + len(far))
     numbers = _numbers(found.parameters, W, own, others, np.sqrt(np.diag(spread)), config.watch)
     ahead, other_steps = (steps(r, found.segments.weight) for r in (seen.own[None], residuals))
@@ -132,7 +132,8 @@ def _judged(
     return Watched(found, float(rank), float(distance), far, alarm, numbers, ahead[0], other_steps)
 
 
-def _distance(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
+def distance_of(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Squared distances (n,) of moves (n, P) from none, in units of what noise and allowed vehicles do."""
     return np.einsum("np,pq,nq->n", moved, W, moved)
 
 
@@ -144,7 +145,7 @@ def _numbers(
     spread: np.ndarray,
     settings: Watch,
 ) -> tuple[Number, ...]:
-    limit = critical(_distance(others, W), settings.false_alarms)
+    limit = critical(distance_of(others, W), settings.false_alarms)
     pull, distance = W @ own, max(float(own @ W @ own), 1e-300)
     told = []
     for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters, settings), strict=True)):
@@ -174,7 +175,7 @@ def least_seen(others: np.ndarray, W: np.ndarray, j: int, unit: float, limit: fl
     def raised(times: float) -> bool:
         moved = others.copy()
         moved[:, j] += times * unit
-        return bool(np.mean(_distance(moved, W) > limit) >= SURELY)
+        return bool(np.mean(distance_of(moved, W) > limit) >= SURELY)
 
     low, high = 0.0, 1.0
     while not raised(high):
