@@ -29,6 +29,7 @@ from . import (
     startup,
     sweep,
     tuning,
+    wheels,
 )
 
 RESULTS = Path(__file__).parent / "results"
@@ -48,7 +49,9 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "explore": explore.measure,
     "drives": lambda turns: drives.measure(),
     "days": lambda turns: days.measure(),
+    "wheels": lambda turns: wheels.measure(),
 }
+DRIFTING = {"days": days.measure, "wheels": wheels.measure}
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
 
 
@@ -65,7 +68,7 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=float("inf"), help="after which these end")
     given = parser.parse_args()
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
-    PARTS["days"] = lambda turns: days.measure(given.days, given.hours)
+    PARTS.update({name: lambda turns, m=m: m(given.days, given.hours) for name, m in DRIFTING.items()})
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES once, with {given.most} rollouts."}

@@ -1,6 +1,6 @@
 """A robot that drifts day by day: identified from a drive of the day, tuned, and changed only if `apply` accepts it.
 
-`python -m benchmarks days --days 400` is what is asked for; 40 are the default, and `--hours` ends earlier. The drive is
+`python -m benchmarks days --days 400` is what is asked for; 40 are the default, and `--hours` ends earlier. A drive is
 simulated by the few lines of `drive`, which know nothing of the package; what tracking truly is, is measured on the
 vehicle that it was of.
 """
@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 import agvjax
@@ -23,6 +24,7 @@ from tuning import config as configuration
 from tuning.apply import apply
 from tuning.apply.compare import cost, cost_weights
 from tuning.apply.known import of_log
+from tuning.compute import compiled
 from tuning.config.settings import Config
 from tuning.ensemble.draws import Between, sample
 from tuning.identify.task import task
@@ -50,7 +52,7 @@ WANDERS = {  # by how much a day, relative (or absolute of the last two), and wi
 DRIFT = 2e-3  # rad/s a day, by which the yaw rate is off anew
 
 
-def begun() -> dict[str, float]:
+def first_day() -> dict[str, float]:
     """The first day."""
     zones = {name.format("threshold"): 0.06 for name in SIDES} | {name.format("slope"): 0.95 for name in SIDES}
     delays = {f"actuators.{wheel}.delay.time": 0.08 for wheel in ("left", "right")}
@@ -85,7 +87,7 @@ def drive(truth: Mapping[str, float], random: np.random.Generator) -> np.ndarray
         table[i] = (i * STEP, x, y, psi, *sent[i])
         for part in range(FINE):
             at = [(i * FINE + part - one) // FINE for one in late]
-            asked = [_dead(wheels[k, side] if k >= 0 else 0.0, *zones[side]) for side, k in enumerate(at)]
+            asked = [dead(wheels[k, side] if k >= 0 else 0.0, *zones[side]) for side, k in enumerate(at)]
             rate = (np.array(asked) - turning) / truth["plant.time_constant"]
             middle = turning + h / 2 * np.clip(rate, -truth["plant.acceleration"], truth["plant.acceleration"])
             speed, spin = middle.mean(), (middle[1] - middle[0]) / truth["plant.track"] + truth["plant.drift"]
@@ -99,18 +101,21 @@ def drive(truth: Mapping[str, float], random: np.random.Generator) -> np.ndarray
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 
 
-def _dead(u: float, right: float, left: float, first: float, last: float) -> float:
+def dead(u: float, right: float, left: float, first: float, last: float) -> float:
+    """What a motor driver delivers."""
     return right * max(u - first, 0.0) - left * max(-u - last, 0.0)
 
 
 class Robot:
-    """One robot with its settings, and what tracking truly is."""
+    """One robot with its settings, and what tracking truly is: that of this package's base."""
+
+    name, begun, recorded = "base", staticmethod(first_day), staticmethod(drive)
 
     def __init__(self, folder: Path) -> None:
         self.config = _alike(configuration.load(["base", str(SETTINGS)], [], faults, note=lambda text: None))
         self.folder, self.model = folder, None
         self.objective = requirements(self.config.tune, self.config.judged())
-        nominal = judged(self.config, self.config.controller, self._batch(begun()))
+        nominal = judged(self.config, self.config.controller, self._batch(self.begun()))
         self.budget = self.objective.baseline_of(nominal)
         self.weights = cost_weights(self.objective, self.budget)
 
@@ -130,6 +135,10 @@ class Robot:
         """What the goal truly is, 1 where the first gains are on the first day."""
         return float(np.mean(cost(self.weights, judged(self.config, law, self._batch(truth)))))
 
+    def best(self, law: agvjax.Law, truth: Mapping[str, float]) -> agvjax.Law:
+        """Gains tuned on the truth."""
+        return self.tuned(self.true(self.config, truth), law)
+
     def tuned(self, config: Config, law: agvjax.Law) -> agvjax.Law:
         """Gains tuned for a configuration from those of a law and from the first ones, by what is compiled once."""
         tuner = pose(dataclasses.replace(config, controller=law)).tuner
@@ -146,7 +155,9 @@ class Robot:
         """A day: drive, identify, tune, ask; what that did, and what the truth would have brought."""
         file, begin = self.folder / "day.csv", time.process_time()
         with file.open("w", newline="") as stream:
-            csv.writer(stream).writerows([["t", "x", "y", "heading", "cmd_v", "cmd_w"], *drive(truth, random).tolist()])
+            csv.writer(stream).writerows(
+                [["t", "x", "y", "heading", "cmd_v", "cmd_w"], *self.recorded(truth, random).tolist()]
+            )
         config = dataclasses.replace(self.config, controller=law)
         posed = task([str(file)], config)
         self.model = self.model or posed.model  # the same every day: what is compiled serves all
@@ -155,7 +166,7 @@ class Robot:
         new = self.tuned(known.config, law)
         identified = time.process_time()
         result = apply(known, law, new)
-        best = self.tuned(self.true(self.config, truth), law)
+        best = self.best(law, truth)
         now, tried, perfect = (self.tracking(one, truth) for one in (law, new, best))
         return {
             "accepted": result.decision.accepted,
@@ -182,11 +193,14 @@ def _alike(config: Config) -> Config:
     return dataclasses.replace(config, scenario=dataclasses.replace(config.scenario, actuators=chains))
 
 
-def measure(days: int = DAYS, hours: float = np.inf, seed: int = 0) -> list[dict[str, Any]]:
+def measure(days: int = DAYS, hours: float = np.inf, seed: int = 0, kind: type[Robot] = Robot) -> list[dict[str, Any]]:
     """A row: what was accepted on so many days, or in so many hours, and what of it was good."""
-    random, truth, rows, begin = np.random.default_rng(seed), begun(), [], time.perf_counter()
+    jax.config.update("jax_enable_x64", True)
+    compiled.keep_compiled()
+    agvjax.tune_xla()
+    random, truth, rows, begin = np.random.default_rng(seed), kind.begun(), [], time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        robot = Robot(Path(folder))
+        robot = kind(Path(folder))
         first = law = once = robot.config.controller
         while len(rows) < days and time.perf_counter() - begin < 3600 * hours:
             truth = drifted(truth, len(rows), random)
@@ -194,10 +208,12 @@ def measure(days: int = DAYS, hours: float = np.inf, seed: int = 0) -> list[dict
             law = row.pop("law")
             once = once if rows else law
             rows.append(row | {"changed once": robot.tracking(once, truth)})
-            kind = "accepted" if row["accepted"] else f"refused: {'; '.join(row['reasons'])[:90]}"
+            how = "accepted" if row["accepted"] else f"refused: {'; '.join(row['reasons'])[:90]}"
             numbers = ", ".join(f"{name} {x:.3f}" for name, x in rows[-1].items() if isinstance(x, float))
-            print(f"day {len(rows)}: {numbers}, {kind}", flush=True)
-    return [told(rows) | {"hours": round((time.perf_counter() - begin) / 3600, 2), "asked for": days}]
+            print(f"day {len(rows)}: {numbers}, {how}", flush=True)
+    return [
+        {"robot": kind.name} | told(rows) | {"hours": round((time.perf_counter() - begin) / 3600, 2), "asked for": days}
+    ]
 
 
 def told(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -208,7 +224,6 @@ def told(rows: list[dict[str, Any]]) -> dict[str, Any]:
     goals = {name: np.mean([row[name] for row in rows]) for name in ("never changed", "changed once")}
     best = np.mean([row["tuned on the truth"] for row in rows])
     return {
-        "robot": "base",
         "days": len(rows),
         "accepted": len(accepted),
         "accepted, worse by more than 5 %": sum(ratio > 1.05 for ratio in accepted),

@@ -73,7 +73,7 @@ def decide(costs: np.ndarray, worst: np.ndarray, limits: Sequence[Limited], aske
         asked: settings.
     """
     count = costs.shape[1]
-    bad = int(worse(*costs, asked.margin).sum())
+    bad = int(worse(costs[0], costs[1], asked.margin).sum())
     least = least_share(count - bad, count, asked.confidence)
     by = f" by more than {asked.margin:.1%}" if asked.margin else ""
     reasons = []
@@ -85,7 +85,7 @@ def decide(costs: np.ndarray, worst: np.ndarray, limits: Sequence[Limited], aske
     lost = int((~np.isfinite(costs[1])).sum())
     if lost:
         reasons.append(f"{lost} of {count} vehicles diverge with the new gains")
-    for before, after in worst.T[worse(*worst, asked.margin)]:
+    for before, after in worst.T[worse(worst[0], worst[1], asked.margin)]:
         how = f"{after / before - 1:.1%} worse{by}" if np.isfinite(after) else "diverging"
         reasons.append(f"on a worst vehicle that was found the new gains are {how}")
         break

@@ -13,6 +13,7 @@ from ..io.panels import panels
 from .compare import Compared
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -25,7 +26,7 @@ def vehicles(config: Config, found: Compared) -> Figure:
     ok = np.asarray(found.metrics[0].ok) & np.asarray(found.metrics[1].ok)
     _pairs(left, before[ok], after[ok], f"{goal} [{unit}]")
     fine = np.isfinite(found.costs).all(axis=0)
-    _pairs(right, *found.costs[:, fine], "goal of a vehicle, 1 = current mean")
+    _pairs(right, found.costs[0, fine], found.costs[1, fine], "goal of a vehicle, 1 = current mean")
     there = found.worst[:, np.isfinite(found.worst).all(axis=0)]
     if there.size:
         right.plot(*there, "x", color="C3", ms=8, mew=2, label="worst that were found")
@@ -33,7 +34,7 @@ def vehicles(config: Config, found: Compared) -> Figure:
     return figure
 
 
-def _pairs(axis, before: np.ndarray, after: np.ndarray, name: str) -> None:  # noqa: ANN001
+def _pairs(axis: Axes, before: np.ndarray, after: np.ndarray, name: str) -> None:
     """Points, and the line on which nothing changes."""
     ends = np.array([min(before.min(), after.min()), max(before.max(), after.max())]) if before.size else [0, 1]
     axis.plot(ends, ends, color="0.4", lw=1, ls="--", label="no change; below it the new gains are better")

@@ -6,6 +6,7 @@ a single step is nearly all noise, and what a moved number does in it adds up al
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax
@@ -69,17 +70,18 @@ def _jacobians(model: Model, p: np.ndarray, states: np.ndarray, segments: Segmen
     def one(p: Array, s: Array, stretch: Segments) -> Array:
         return jax.jacfwd(lambda z: model.residual(z[:size], z[size:], stretch))(jnp.concatenate([p, s]))
 
-    return _chunked(jax.jit(jax.vmap(one, in_axes=(None, 0, 0))), p, states, segments)
+    function, count, parts = jax.jit(jax.vmap(one, in_axes=(None, 0, 0))), len(states), []
+    for rows, part in _parts(segments):
+        parts.append(np.asarray(function(jnp.asarray(p), jnp.asarray(states)[rows], part)))
+    return np.concatenate(parts)[:count]
 
 
-def _chunked(function, p: np.ndarray, states: np.ndarray, segments: Segments) -> np.ndarray:  # noqa: ANN001
-    """A function of stretches, a few of them at a time."""
-    count, parts = len(states), []
+def _parts(segments: Segments) -> Iterator[tuple[np.ndarray, Segments]]:
+    """Some stretches at a time, so many that one compilation serves logs of any length; the last repeats one."""
+    count = len(segments.t)
     for first in range(0, count, CHUNK):
         rows = np.minimum(np.arange(first, first + CHUNK), count - 1)
-        part = Segments(*(np.asarray(x)[rows] for x in segments))
-        parts.append(np.asarray(function(jnp.asarray(p), jnp.asarray(states)[rows], part)))
-    return np.concatenate(parts, axis=-4 if parts[0].ndim > 3 else 0)[:count]
+        yield rows, Segments(*(np.asarray(x)[rows] for x in segments))
 
 
 def simulated(found: Fit, seen: Slopes, vehicles: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -93,11 +95,8 @@ def simulated(found: Fit, seen: Slopes, vehicles: np.ndarray, random: np.random.
     count, logs = len(states), []
     for first in range(0, len(vehicles), TOGETHER):
         rows = np.minimum(np.arange(first, first + TOGETHER), len(vehicles) - 1)
-        parts = []
-        for begin in range(0, count, CHUNK):
-            at = np.minimum(np.arange(begin, begin + CHUNK), count - 1)
-            stretch = Segments(*(np.asarray(x)[at] for x in segments))
-            parts.append(np.asarray(many(jnp.asarray(vehicles[rows]), jnp.asarray(states)[at], stretch)))
+        at = jnp.asarray(vehicles[rows])
+        parts = [np.asarray(many(at, jnp.asarray(states)[which], part)) for which, part in _parts(segments)]
         logs.append(np.concatenate(parts, axis=1)[:, :count])
     off = np.concatenate(logs)[: len(vehicles)]
     signs = random.choice([-1.0, 1.0], (len(vehicles), count, 1, 1))
