@@ -19,7 +19,7 @@ def distance(found: Watched, limit: float) -> Figure:
     """How far the log is from the model, among logs of vehicles that the gains were tuned for; and which number."""
     figure, ((left, right),) = panels(1, 2, (10, 4.2), width_ratios=(3, 2))
     values = np.append(found.others, found.distance)
-    low, high = max(values.min(), 1e-3 * values.max(), 1e-12), max(values.max(), 1e-9)
+    low, high = max(values.min(), 1e-6 * values.max(), 1e-12), max(values.max(), 1e-9)
     bins = np.geomspace(low / 1.2, high * 1.2, 40)
     left.hist(np.maximum(found.others, low), bins=bins, color="0.7", label="logs simulated of vehicles tuned for")
     left.axvline(limit, color="C1", ls="--", label="alarm beyond")

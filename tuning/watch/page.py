@@ -66,8 +66,9 @@ def verdict(config: Config, found: Watched) -> str:
         best, *others = found.moved
         more = f"; {', '.join(map(_seems, others))} would explain nearly as much" if others else ""
         return (
-            f"**No longer tuned for this robot.** Only {chance} ({rate:.3g} would be a false alarm)."
-            f" What seems to have moved: {_seems(best)}{more}. Identify the log, tune, and ask `agvjax apply`."
+            f"**No longer tuned for this robot.** Only {chance}; for an unchanged robot an alarm like this is raised by"
+            f" {rate:.1%} of the logs. What seems to have moved: {_seems(best)}{more}. Identify the log, tune, and ask"
+            " `agvjax apply`."
         )
     if not found.told:
         drives = dict.fromkeys(advice(one.name) for one in lost)
