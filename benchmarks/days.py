@@ -110,9 +110,10 @@ class Robot:
     """One robot with its settings, and what tracking truly is: that of this package's base."""
 
     name, begun, recorded = "base", staticmethod(first_day), staticmethod(drive)
+    settings: tuple[str, ...] = ()  # besides those of the file
 
     def __init__(self, folder: Path) -> None:
-        self.config = _alike(configuration.load(["base", str(SETTINGS)], [], faults, note=lambda text: None))
+        self.config = _alike(configuration.load(["base", str(SETTINGS)], self.settings, faults, note=lambda text: None))
         self.folder, self.model = folder, None
         self.objective = requirements(self.config.tune, self.config.judged())
         nominal = judged(self.config, self.config.controller, self._batch(self.begun()))
