@@ -25,12 +25,15 @@ from .decision import Limited
 PART = 500  # of the random numbers: other vehicles than those that were tuned, searched and validated on
 
 
+RUN = ("start.", "disturbance.phase")  # what differs from run to run, and is no part of a vehicle
+
+
 class Compared(NamedTuple):
     """Metrics and costs with the current gains, then with the new ones."""
 
     objective: Objective
-    metrics: tuple[agvjax.Metrics, agvjax.Metrics]  # of n vehicles
-    costs: np.ndarray  # (2, n), infinite where a run diverges
+    metrics: tuple[agvjax.Metrics, agvjax.Metrics]  # of all runs
+    costs: np.ndarray  # (2, n), of n vehicles, means over their runs; infinite where one diverges
     worst: np.ndarray  # (2, k), of the worst vehicles that were found, of the current gains and of the new ones
     found: list[dict[str, np.ndarray]]  # their leaves
     limits: list[Limited]
@@ -43,21 +46,36 @@ def compare(config: Config, current: agvjax.Law, new: agvjax.Law, tick: Callable
         RuntimeError: every run diverges with the current gains.
     """
     draws, settings = config.ensemble.draws, config.apply
-    batch = sample(config.scenario, draws, settings.vehicles, config.seed, PART)
+    batch = drawn(config)
     before, after = _judged(config, current, batch, tick), _judged(config, new, batch, tick)
     objective = requirements(config.tune, config.judged())
     baseline = objective.baseline_of(before)
     weights = cost_weights(objective, baseline)
-    costs = np.stack([cost(weights, metrics) for metrics in (before, after)])
+    runs = np.stack([cost(weights, metrics) for metrics in (before, after)])
+    costs = runs.reshape(2, settings.vehicles, -1).mean(axis=2)  # a vehicle that diverges once has no finite one
     levels = [objective.levels_of(metrics, baseline)[len(objective.goals) :] for metrics in (before, after)]
     limits = [Limited(r.name, float(a), float(b)) for r, a, b in zip(objective.limits, *levels, strict=True)]
     found, worst = _searched(config, (current, new), objective, weights, tick) if draws else ([], np.zeros((2, 0)))
     for i in range(len(found)):  # what was drawn may be worse than what the search found
-        at = int(np.argmax(costs[i]))
-        if costs[i, at] > worst[i, i]:
-            worst[:, i] = costs[:, at]
+        at = int(np.argmax(runs[i]))
+        if runs[i, at] > worst[i, i]:
+            worst[:, i] = runs[:, at]
             found[i] = {name: np.asarray(value)[at] for name, value in batch.values.items()}
     return Compared(objective, (before, after), costs, worst, found, limits)
+
+
+def drawn(config: Config) -> agvjax.Batch:
+    """Vehicles as the ensemble draws them, each from the same starts and phases: those of a vehicle side by side."""
+    asked, values = config.apply, {}
+    own, run = ({n: d for n, d in config.ensemble.draws.items() if n.startswith(RUN) == kind} for kind in (False, True))
+    count = asked.starts if run else 1
+    if own:
+        vehicles = sample(config.scenario, own, asked.vehicles, config.seed, PART).values
+        values |= {name: np.repeat(np.asarray(value), count, axis=0) for name, value in vehicles.items()}
+    if run:
+        starts = sample(config.scenario, run, count, config.seed, PART).values
+        values |= {n: np.tile(x, (asked.vehicles, *[1] * (np.ndim(x) - 1))) for n, x in starts.items()}
+    return agvjax.batch(config.scenario, values)
 
 
 def _searched(

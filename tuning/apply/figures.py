@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def vehicles(config: Config, found: Compared) -> Figure:
-    """Of every vehicle what the first goal is with the current gains and with the new ones, and of all the cost."""
+    """Of every run what the first goal is with the current gains and with the new ones; of every vehicle the cost."""
     figure, ((left, right),) = panels(1, 2, (10, 4.6))
     goal = found.objective.goals[0].metric
     unit = units_in(config.scenario)[goal]
@@ -38,5 +38,5 @@ def _pairs(axis: Axes, before: np.ndarray, after: np.ndarray, name: str) -> None
     """Points, and the line on which nothing changes."""
     ends = np.array([min(before.min(), after.min()), max(before.max(), after.max())]) if before.size else [0, 1]
     axis.plot(ends, ends, color="0.4", lw=1, ls="--", label="no change; below it the new gains are better")
-    axis.plot(before, after, ".", ms=4, alpha=0.6, color="C0", label="vehicles the log leaves possible")
+    axis.plot(before, after, ".", ms=4, alpha=0.6, color="C0", label="of vehicles the log leaves possible")
     axis.set(xlabel=f"{name}, current gains", ylabel="new gains")

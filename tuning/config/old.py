@@ -31,6 +31,7 @@ LATER |= {
     "sweep.rollouts",
 }
 LATER |= {f"apply.{name}" for name in ("vehicles", "share", "confidence", "margin", "slack", "samples")}
+LATER |= {f"apply.{name}" for name in ("vehicles", "starts", "share", "confidence", "margin", "slack", "samples")}
 LATER |= {f"watch.{name}" for name in ("false_alarms", "logs", "allowed", "seen")}
 
 FIXED = {  # what earlier releases judged by, and what their computers did not have

@@ -185,6 +185,7 @@ class Apply:
 
     Attributes:
         vehicles: vehicles drawn as the log leaves them possible, on which both sets of gains are simulated.
+        starts: runs of each vehicle, whose goals are averaged: what differs from run to run (starts, phases) is drawn.
         share: of all such vehicles that must not be worse with the new gains.
         confidence: with which that must follow from those that were drawn.
         margin: share by which the error of a vehicle may rise and still count as not worse.
@@ -193,6 +194,7 @@ class Apply:
     """
 
     vehicles: int = number(256, "1", PROVING)
+    starts: int = number(4, "1", STARTS)
     share: float = number(0.95, "1", SHARE)
     confidence: float = number(0.95, "1", SHARE)
     margin: float = number(0.0, "1", NONNEGATIVE)

@@ -37,7 +37,7 @@ class Number(NamedTuple):
     @property
     def told(self) -> bool:
         """Whether the log says anything of it."""
-        return self.seen <= self.wanted
+        return bool(self.seen <= self.wanted)
 
 
 class Watched(NamedTuple):
@@ -151,7 +151,8 @@ def _numbers(
     for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters, settings), strict=True)):
         move, share = pull[j] / W[j, j], pull[j] ** 2 / W[j, j] / distance
         least = max(least_seen(others, W, j, sign * wanted, limit) for sign in (1.0, -1.0))
-        told.append(Number(q.name, q.unit, q.nominal, q.nominal + move, share, least, wanted, float(spread[j])))
+        numbers = (q.nominal, q.nominal + move, share, least, wanted, spread[j])
+        told.append(Number(q.name, q.unit, *map(float, numbers)))
     return tuple(told)
 
 

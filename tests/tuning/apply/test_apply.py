@@ -12,6 +12,7 @@ import agvjax
 from mass import Mass, Spring
 from tuning import config as configuration
 from tuning.apply import apply, page
+from tuning.apply.compare import drawn
 from tuning.apply.known import Known
 from tuning.apply.rules import faults
 from tuning.cli.main import main
@@ -71,11 +72,7 @@ def better():
 
 def test_costs_are_those_of_the_mass_by_another_integrator(better):
     """1 is the mean of the current gains; the same vehicles for both, and slopes from 0.6 to 1.4."""
-    drawn = configuration.check(problem(), faults)
-    from tuning.apply.compare import PART
-    from tuning.ensemble.draws import sample
-
-    batch = sample(drawn.scenario, drawn.ensemble.draws, 60, drawn.seed, PART)
+    batch = drawn(problem())
     sides = [np.asarray(batch.values[f"deadzone.push.slope_{side}"]) for side in ("right", "left")]
     assert min(map(np.min, sides)) > 0.6 and max(map(np.max, sides)) < 1.4
     old, new = (np.array([by_scipy(*gains, *pair) for pair in zip(*sides)]) for gains in ((4, 4), (9, 6)))  # noqa: B905
@@ -96,6 +93,15 @@ def test_the_worst_vehicle_that_is_found_is_at_the_corner_of_the_weakest_push(be
         assert worst[law].max() >= costs[law].max()
     corner = by_scipy(4, 4, 0.6, 0.6) / by_scipy(4, 4, 1.4, 1.4)
     assert corner > 1 and better.compared.found[0]["deadzone.push.slope_left"] < 0.75
+
+
+def test_vehicles_are_drawn_once_each_and_all_begin_from_the_same_starts():
+    config = configuration.load(["base"], ["apply.vehicles=59", "apply.starts=3"])
+    batch = drawn(config)
+    track = np.asarray(batch.values["deadzone.left.threshold_right"]).reshape(59, 3)
+    starts = np.asarray(batch.values["start.position"]).reshape(59, 3, 2)
+    assert np.unique(track[:, 0]).size == 59 and (track == track[:, :1]).all()
+    assert np.unique(starts[0, :, 1]).size == 3 and (starts == starts[:1]).all()
 
 
 def test_the_same_gains_are_as_good_as_themselves():
