@@ -76,7 +76,10 @@ class MujocoRobot(Robot):
     """The robot of MuJoCo; its truth has no motors' numbers, these are of its physics."""
 
     name = "MuJoCo"
-    settings = ("tune.limits.pace.worst=inf", "tune.limits.total_chatter.worst=inf")  # that of 93 is not that of 24
+    settings = (
+        "tune.limits.pace.worst=inf",
+        "tune.limits.total_chatter.worst=inf",
+    )  # of few or of many
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)

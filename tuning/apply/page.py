@@ -21,9 +21,9 @@ from .run import Applied
 
 ROBOT, BACK = "gains.toml", "back.toml"
 CAPTION = (
-    "Left the first goal in every run of a vehicle that the log leaves possible, with the current gains and with the new"
-    " ones; right the weighted goals of every vehicle, averaged over its runs. Below the dashed line the new gains are"
-    " better."
+    "Left the first goal in every run of a vehicle that the log leaves possible, with the current gains and with the"
+    " new ones; right the weighted goals of every vehicle, averaged over its runs. Below the dashed line the new gains"
+    " are better."
 )
 LIMITS, GAINS, VEHICLE = "Limits", "Gains that change", "The vehicle"
 MOST = 5  # reasons that a terminal is told

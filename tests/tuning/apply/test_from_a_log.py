@@ -1,5 +1,6 @@
 """From the log of a robot to gains on it, by the commands as they are typed."""
 
+import dataclasses
 import json
 
 import pytest
@@ -31,18 +32,20 @@ def asked(folder, *words):
 
 def test_better_gains_are_accepted_by_a_log_and_the_worse_ones_refused(tmp_path):
     """Nav2's defaults look 1.5 s ahead and cut the corners of a base of 0.8 m/s that is slow to turn."""
-    log = drives.recorded(tmp_path / "today.csv", drives.drawn(1), 1, seconds=60.0)
+    base = drives.drawn(1)
+    base = dataclasses.replace(base, motors=tuple(dataclasses.replace(m, delay=0.08) for m in base.motors))
+    log = drives.recorded(tmp_path / "today.csv", base, 1, seconds=60.0)
     good, old = tmp_path / "new.toml", tmp_path / "old.toml"
     good.write_text(BETTER)
     old.write_text(LAW)
-    assert main(asked(tmp_path / "on", "apply", str(good), "--over", str(old), "--log", log)) == 0
+    on = main(asked(tmp_path / "on", "apply", str(good), "--over", str(old), "--log", log))
+    assert on == 0, (tmp_path / "on" / "report.md").read_text()
     assert (tmp_path / "on" / "gains.toml").read_bytes() == good.read_bytes()
     assert (tmp_path / "on" / "back.toml").read_bytes() == old.read_bytes()
     known = configuration.load([str(tmp_path / "on" / "config.toml")])
-    for name, value in drives.truth(drives.drawn(1)).items():
-        if name.endswith("threshold_right"):
-            _, _, side, part = ("scenario", *name.split("."))
-            assert float(getattr(known.scenario.deadzone[side], part)) == pytest.approx(value, rel=0.15)
+    for side, motor in zip(("left", "right"), base.motors, strict=True):
+        found = known.scenario.deadzone[side].threshold_right
+        assert float(found) == pytest.approx(motor.threshold_right, rel=0.15)
     assert artefact.read(str(tmp_path / "on" / "gains.toml"), [], [], [], print)  # as `agvjax export` reads them
 
     assert main(asked(tmp_path / "found", "identify", log)) == 0
