@@ -28,7 +28,7 @@ UNITS = {"heading": "rad", "yaw_rate": "rad/s", "steering_angle": "rad", "x": "m
 HOW = (
     "The log is cut into stretches; in each the model that the gains were tuned for is given the commands and begins"
     " where it fits best. What is left has slopes by every number that is watched. How far these say that the numbers"
-    " have moved, in units of noise and of what the tuned vehicles differ by, is the distance. The same is done with"
+    " have moved, in units of how far they seem to in a hundred simulated logs, is the distance. The same is done with"
     " {logs} logs that are simulated of vehicles drawn from the ensemble, their numbers up to {allowed:.0%} off, under"
     " the same commands, with what the log's own best fit leaves as noise, of every stretch with a random sign. An"
     " alarm is raised where no more than {alarms:.3g} of all these logs are as far: that is how often it is false for"

@@ -12,12 +12,13 @@ from ..config.settings import Config, Watch
 from ..ensemble.draws import sample, uniform
 from ..identify.fit import Fit, Task, fit
 from ..identify.parameters import Parameter
-from .residuals import Slopes, simulated, slopes, steps
+from .residuals import simulated, slopes, steps
 from .rules import watched
 
 PART = 501  # of the random numbers: other vehicles than those of tuning and of `apply`
 STARTS = 1  # of the fit: it begins where the gains were tuned
 SURELY = 0.9  # share of the logs of a robot whose number has moved that must raise the alarm for the change to be seen
+SCALED, OWN = 100, 0.1  # further simulated logs, by whose spread a distance is measured; the share of the formula in it
 HALVINGS, WIDEST = 30, 1e3  # of the search for the least change that is seen; in multiples of what a number may move
 BESIDE = 0.8  # of the best explanation, that another one is named beside it
 
@@ -72,10 +73,10 @@ def asked(config: Config) -> Config:
 def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda text: None) -> Watched:
     """Whether a log is of one of the vehicles that gains were tuned for.
 
-    The statistic is how far the numbers seem to have moved, by the slopes of the likelihood, in units of what noise and
-    the tuned vehicles' own spread do. Its rank among logs that are simulated of these vehicles, with the same commands
-    and the noise that the log's best fit leaves, is the chance of a false alarm: were the robot one of them, every rank
-    would be as likely, whatever the noise and however few the rows.
+    The statistic is how far the numbers seem to have moved, by the slopes of the likelihood, in units of how far they
+    seem to in `SCALED` simulated logs. Its rank among others that are simulated of these vehicles, with the same
+    commands and the noise that the log's best fit leaves, is the chance of a false alarm: were the robot one of them,
+    every rank would be as likely, whatever the noise and however few the rows.
 
     Args:
         config: the scenario and the ensemble that the gains were tuned for.
@@ -92,18 +93,20 @@ def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda te
     residuals = simulated(found, seen, vehicles, np.random.default_rng([config.seed, PART]))
     tick("simulated")
     own, others = seen.moved(seen.own[None])[0], seen.moved(residuals)
-    return _judged(config, found, seen, vehicles, own, others, residuals)
+    spread = np.cov(vehicles.T).reshape(own.size, own.size)
+    scaled = np.cov(others[:SCALED].T).reshape(own.size, own.size)  # none of those that the log is ranked among
+    W = np.linalg.inv((1 - OWN) * scaled + OWN * (np.linalg.inv(seen.information) + spread))
+    return _judged(config, found, W, spread, own, others[SCALED:], residuals[SCALED:], seen.own[None])
 
 
 def drawn(config: Config, parameters: tuple[Parameter, ...]) -> np.ndarray:
     """Vehicles (n, P) for which the gains count as tuned: those of the ensemble, and what is allowed about them."""
-    count, size = config.watch.logs, len(parameters)
+    count, size = SCALED + config.watch.logs, len(parameters)
     batch = sample(config.scenario, config.ensemble.draws, count, config.seed, PART)
     own = [np.asarray(batch.values[q.name], float) if q.name in batch.names else q.nominal for q in parameters]
     whole = np.column_stack([np.broadcast_to(x, (count,)) for x in own])
-    whole += (
-        (2 * uniform(config.seed, "watch", count, size) - 1) * config.watch.allowed * sizes(parameters, config.watch)
-    )
+    about = 2 * uniform(config.seed, "watch", count, size) - 1
+    whole += about * config.watch.allowed * sizes(parameters, config.watch)
     low, high = np.array([(q.low, q.high) for q in parameters]).T
     return np.clip(whole, low, high)
 
@@ -116,18 +119,17 @@ def sizes(parameters: tuple[Parameter, ...], settings: Watch) -> np.ndarray:
 def _judged(
     config: Config,
     found: Fit,
-    seen: Slopes,
-    vehicles: np.ndarray,
+    W: np.ndarray,
+    spread: np.ndarray,
     own: np.ndarray,
     others: np.ndarray,
     residuals: np.ndarray,
+    seen: np.ndarray,
 ) -> Watched:
-    spread = np.cov(vehicles.T).reshape(own.size, own.size)
-    W = np.linalg.inv(np.linalg.inv(seen.information) + spread)
     distance, far = distance_of(own[None], W)[0], distance_of(others, W)
     rank = (1 + np.sum(far >= distance)) / (1 + len(far))
     numbers = _numbers(found.parameters, W, own, others, np.sqrt(np.diag(spread)), config.watch)
-    ahead, other_steps = (steps(r, found.segments.weight) for r in (seen.own[None], residuals))
+    ahead, other_steps = (steps(r, found.segments.weight) for r in (seen, residuals))
     alarm = bool(rank <= config.watch.false_alarms + 1e-12)
     return Watched(found, float(rank), float(distance), far, alarm, numbers, ahead[0], other_steps)
 

@@ -103,7 +103,7 @@ def test_vehicles_for_which_gains_count_as_tuned_are_a_little_about_those_of_the
     fixed = Parameter("plant.acceleration_of_none", "1", 2.0, 0.0, 10.0, 1.0, 0.0)
     small = Parameter("nought", "1", 0.0, -1.0, 1.0, 1.0, 0.006)
     whole = drawn(config, (track, fixed, small))
-    assert whole.shape == (500, 3)
+    assert whole.shape == (600, 3)  # and a hundred by which distances are measured
     assert 0.4 - 0.025 <= whole[:, 0].min() < 0.41 and 0.59 < whole[:, 0].max() <= 0.6 + 0.025
     assert 1.9 <= whole[:, 1].min() < 1.91 and 2.09 < whole[:, 1].max() <= 2.1  # 5 % about 2
     assert np.abs(whole[:, 2]).max() <= 0.05 * 0.006 / 0.3 + 1e-12
@@ -183,6 +183,7 @@ TUNED_FOR = {  # as an identified log leaves it
     "plant.track": 0.003,
     "plant.time_constant": 0.004,
     "plant.drift": 0.001,
+    "plant.acceleration": 1.0,
 }
 
 
