@@ -215,5 +215,5 @@ class Watch:
 
     false_alarms: float = number(0.01, "1", SHARE)
     logs: int = number(199, "1", PROVING)
-    allowed: float = number(0.05, "1", NONNEGATIVE)
+    allowed: float = number(0.02, "1", NONNEGATIVE)
     seen: float = number(0.3, "1", POSITIVE)

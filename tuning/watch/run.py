@@ -106,14 +106,14 @@ def drawn(config: Config, parameters: tuple[Parameter, ...]) -> np.ndarray:
     own = [np.asarray(batch.values[q.name], float) if q.name in batch.names else q.nominal for q in parameters]
     whole = np.column_stack([np.broadcast_to(x, (count,)) for x in own])
     about = 2 * uniform(config.seed, "watch", count, size) - 1
-    whole += about * config.watch.allowed * sizes(parameters, config.watch)
+    whole += about * config.watch.allowed * sizes(parameters)
     low, high = np.array([(q.low, q.high) for q in parameters]).T
     return np.clip(whole, low, high)
 
 
-def sizes(parameters: tuple[Parameter, ...], settings: Watch) -> np.ndarray:
-    """What changes are shares of (P,): the numbers, or of those near 0 what a small one of their kind is."""
-    return np.array([max(abs(q.nominal), q.floor / settings.seen) for q in parameters])
+def sizes(parameters: tuple[Parameter, ...]) -> np.ndarray:
+    """What changes are shares of (P,): the numbers, or of those near 0 what is negligible of their kind."""
+    return np.array([max(abs(q.nominal), q.floor) for q in parameters])
 
 
 def _judged(
@@ -150,7 +150,7 @@ def _numbers(
     limit = critical(distance_of(others, W), settings.false_alarms)
     pull, distance = W @ own, max(float(own @ W @ own), 1e-300)
     told = []
-    for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters, settings), strict=True)):
+    for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters), strict=True)):
         move, share = pull[j] / W[j, j], pull[j] ** 2 / W[j, j] / distance
         least = max(least_seen(others, W, j, sign * wanted, limit) for sign in (1.0, -1.0))
         numbers = (q.nominal, q.nominal + move, share, least, wanted, spread[j])
