@@ -28,6 +28,8 @@ SMALL = {  # enough to go all the way through
     "margins": ["simulate.horizon=8", "margins.vehicles=1", "margins.instants=2"],
     "speed": [*TUNE, "speed.points=2"],
     "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
+    "apply": ["apply.vehicles=59", "apply.starts=1", "apply.samples=4", *SEARCH, 'identify.fit=["deadzone"]'],
+    "watch": ["watch.logs=99", 'identify.fit=["deadzone"]'],
 }
 # Run by tests of their own, at length; a page that stays open; processes that wait for each other, or for a cluster.
 ELSEWHERE = ("compare", "explore", "reproduce", "vehicles", "completion")
@@ -59,7 +61,7 @@ def calls(page):
     return found
 
 
-MADE = ("robot.toml", "found/scenario.toml", "tuned/gains.toml", "mine/gains.toml")
+MADE = ("robot.toml", "found/scenario.toml", "tuned/gains.toml", "mine/gains.toml", "later/scenario.toml", "tuned")
 ALL = [pytest.param(page, call, id=f"{page}: {' '.join(call)}"[:90]) for page in PAGES for call in calls(page)]
 
 
@@ -140,7 +142,7 @@ def called(call):
         words += ["--out", f"runs/{words[0]}-{len(os.listdir('runs'))}"]
     process = start(words)
     _, err = process.communicate(timeout=HUNG)
-    short = words[0] in ("tune", "speed", "identify", "margins", "log")
+    short = words[0] in ("tune", "speed", "identify", "margins", "log", "apply", "watch")
     assert process.returncode == 0 or (process.returncode == 1 and short), err
     assert "Traceback" not in err, err
     if words[0] == "tune":
