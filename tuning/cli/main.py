@@ -100,7 +100,7 @@ TOPICS = (
         help="whose times: the sender's or those of arrival (default: the sender's where there are any)",
     ),
 )
-FIT = option("--fit", metavar="NAMES", help="what to fit: groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
+FIT = option("--fit", metavar="NAMES", help="fit groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (

@@ -30,7 +30,6 @@ LATER |= {
     "identify.stamps",
     "sweep.rollouts",
 }
-LATER |= {f"apply.{name}" for name in ("vehicles", "share", "confidence", "margin", "slack", "samples")}
 LATER |= {f"apply.{name}" for name in ("vehicles", "starts", "share", "confidence", "margin", "slack", "samples")}
 LATER |= {f"watch.{name}" for name in ("false_alarms", "logs", "allowed", "seen")}
 
