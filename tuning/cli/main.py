@@ -111,8 +111,7 @@ IDENTIFY = Command(
             help="recorded drives: CSV, or as `agvjax log` reads them; without any, a drive to record is suggested",
         ),
         many("--unseen", "LOG", "a drive to predict with what was identified"),
-        *TOPICS,
-        FIT,
+        *(*TOPICS, FIT),
     ),
 )
 LOG = Command(
@@ -133,8 +132,7 @@ APPLY = Command(
         option("--over", metavar="CURRENT.toml", help="the gains on the robot, or the folder that has them"),
         many("--log", "LOG", "the robot's last drive, as `agvjax identify` reads it"),
         option("--identified", metavar="DIR", help="in place of a log the folder of `agvjax identify`"),
-        *TOPICS,
-        FIT,
+        *(*TOPICS, FIT),
     ),
     "new.toml --over current.toml --log today.mcap",
 )
@@ -142,8 +140,7 @@ WATCH = Command(
     "are gains still tuned for the robot that a log is of? Exit code 1 if not, or if it cannot be told",
     (
         option("logs", nargs="+", metavar="LOG", help="recorded drives, as `agvjax identify` reads them"),
-        *TOPICS,
-        FIT,
+        *(*TOPICS, FIT),
     ),
     "today.mcap --config tuned/config.toml",
 )
