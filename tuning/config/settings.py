@@ -22,6 +22,7 @@ from .asked import default_goals as default_goals
 from .asked import default_limits as default_limits
 from .fields import COUNT, FACTOR, MANY, OPEN, RATE, ROUNDS, SCREENED, SOME, STARTS, USUAL, WHOLE, choice
 from .tools import Bound as Bound
+from .tools import Certify as Certify
 from .tools import Identify as Identify
 from .tools import Margins as Margins
 from .tools import Pareto as Pareto
@@ -188,6 +189,7 @@ class Config:
         speed: of `agvjax speed`: which speeds are tried.
         margins: of `agvjax margins`: where a loop is linearised.
         sweep: of `agvjax sweep`: the scenarios, and what counts as a failure.
+        certify: of `agvjax certify`: the bounds, and the box of scenarios that they are to hold in.
         identify: of `agvjax identify`: how a log is read and fitted.
     """
 
@@ -205,6 +207,7 @@ class Config:
     speed: Speed = Speed()
     margins: Margins = Margins()
     sweep: Sweep = Sweep()
+    certify: Certify = Certify()
     identify: Identify = dataclasses.field(default_factory=Identify)
 
     def judged(self, **more: bool) -> agvjax.Criteria:
