@@ -30,7 +30,13 @@ import numpy as np
 VERSION = 1
 REL, SUM = 1e-14, 1e-12  # of magnitudes: of a few operations; of sums over a whole grid
 ORDER, STIFF, BITS = 40, 6.0, 320  # of Taylor polynomials over a cell; the largest norm of A h they serve
-ROUNDS, FIRST, LAST, GROW, FAR = 300, 80, 25, 2e-3, 1e7  # of the search: rounds, of them rough, to settle; widening; end
+ROUNDS, FIRST, LAST, GROW, FAR = (
+    300,
+    80,
+    25,
+    2e-3,
+    1e7,
+)  # of the search: rounds, of them rough, to settle; widening; end
 MATCH = 1e-4  # of a stated bound with the one that follows: a number that matters and is another is seen
 CHANNELS = ("x", "y", "heading")
 SLOPES = ("slope_right", "slope_left", "threshold_right", "threshold_left")
@@ -41,19 +47,18 @@ LEAVES = (
     *(f"start.{name}[{i}]" for name in ("position", "velocity") for i in (0, 1)),
     "start.heading",
 )
-S = len(
-    LEAVES
-)  # unknowns; row 0 of a form is its centre, rows 1..S, S+1 an unknown of the cell alone, the last its rest
+S = len(LEAVES)  # unknowns
+NONSENSE = (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, RecursionError)
 
 
 class Refused(Exception):
     """Why a certificate is refused, or a box is not proved."""
 
 
-# forms: arrays (S + 3, N), affine in the unknowns, each in [-1, 1], for N cells
+# forms: arrays (S + 3, N) for N cells, affine in unknowns in [-1, 1]: a centre, S of the box, one of the cell, a rest
 
 
-def form(centre, rest=0.0, **_):
+def form(centre, rest=0.0):
     """A form without unknowns."""
     out = np.zeros((S + 3, np.size(centre)))
     out[0], out[-1] = centre, rest
@@ -157,24 +162,15 @@ class Box:
 # linear systems, their powers exact to rounding
 
 
-def _integers(matrix):
-    return [[int(x * 2**BITS) for x in row] for row in matrix]
-
-
-def _product(A, B):
-    return [[sum(a * b for a, b in zip(row, column)) >> BITS for column in zip(*B)] for row in A]
-
-
-def _balance(A):
-    """Exponents k of a scaling by 2^k of the states that makes rows and columns of A alike; any will do."""
+def balance(A):
+    """Powers of two that scale the states so that rows and columns of A are alike; any will do."""
     k = np.zeros(len(A), int)
-    for _ in range(20):
-        for i in range(len(A)):
-            B = np.abs(A * 2.0 ** (k[None, :] - k[:, None]))
-            row, column = B[i].sum() - B[i, i], B[:, i].sum() - B[i, i]
-            if row > 0 and column > 0:
-                k[i] += round(math.log2(row / column) / 2)
-    return k
+    for i in [*range(len(A))] * 20:
+        B = np.abs(A * 2.0 ** (k[None, :] - k[:, None]))
+        row, column = B[i].sum() - B[i, i], B[:, i].sum() - B[i, i]
+        if row > 0 and column > 0:
+            k[i] += round(math.log2(row / column) / 2)
+    return np.array([Fraction(2) ** int(x) for x in k])
 
 
 def powers(A, h, cells):
@@ -183,47 +179,41 @@ def powers(A, h, cells):
     With integers, in units of 2^-BITS. With E off by at most `error` a row, what power i is off by, d[i], obeys
     d[i+1] = E d[i] + (error of E) power[i] + (flooring), so that |d[i]| <= sum of |E^j| times the largest of the rest.
     """
-    n, h = len(A), Fraction(h)
-    norm = max(sum(abs(x) for x in row) for row in A) * h
+    A, h, unit = np.array(A, object), Fraction(h), 1 << BITS
+    n, whole, floats = len(A), np.vectorize(int, otypes=[object]), np.vectorize(lambda x: x / unit, otypes=[float])
+    norm = np.abs(A).sum(axis=1).max() * h
     if norm > STIFF:
         raise Refused(f"the step is too long: |A| h = {float(norm):.3g}, more than {STIFF:g}")
-    unit = [[Fraction(i == j) for j in range(n)] for i in range(n)]
-    term, E, step = _integers(unit), _integers(unit), _integers([[x * h for x in row] for row in A])
-    integral = _integers([[x * h for x in row] for row in unit])
+    step = whole(A * h * unit)
+    E = term = whole(np.eye(n) * unit)
+    integral = term * h.numerator // h.denominator
     for k in range(1, 120):  # 6^120 / 120! < 2^-340; each term is off by 2 n 6^k / k! units at most, all by 2^16 n
-        term = [[x // k for x in row] for row in _product(term, step)]
-        E = [[a + b for a, b in zip(r, q)] for r, q in zip(E, term)]
-        rate = h / (k + 1)
-        more = [[x * rate.numerator // rate.denominator for x in row] for row in term]
-        integral = [[a + b for a, b in zip(r, q)] for r, q in zip(integral, more)]
-    error, slip, sums, out, power = n << 24, 0, 0, [], _integers(unit)
+        term = (term @ step >> BITS) // k
+        E, rate = E + term, h / (k + 1)
+        integral = integral + term * rate.numerator // rate.denominator
+    error, slip, sums, out, power = n << 24, 0, 0, [], whole(np.eye(n) * unit)
     for _ in range(cells + 1):
-        out.append([[x / 2**BITS for x in row] for row in power])
-        rows = max(sum(abs(x) for x in row) for row in power)
+        out.append(floats(power))
+        rows = np.abs(power).sum(axis=1).max()
         sums += (rows + slip >> BITS) + 1
         slip = max(slip, sums * ((error * (rows + slip) >> BITS) + n + 1))
-        power = _product(E, power)
+        power = E @ power >> BITS
     if slip >> (BITS - 90):
         raise Refused("exp(A t) grows: rounding is not bounded")
-    return np.array(out), np.array([[x / 2**BITS for x in row] for row in integral])
+    return np.array(out), floats(integral)
 
 
 class Loop:
     """A channel's linear part: x' = A x + W b + a e + start, for a slope m; rows of outputs; all balanced by 2^k."""
 
     def __init__(self, A, b, e, start, rows, h, cells):
-        """From lists of fractions; `rows` and `start` (columns) by name."""
-        n = len(A)
-        exponents = _balance(np.array(A, float))
-        two = [Fraction(2) ** int(k) for k in exponents]
-        A = [[A[i][j] * two[j] / two[i] for j in range(n)] for i in range(n)]
-        self.h, self.cells = h, cells
+        """From arrays of fractions; `rows` and `start` (columns) by name."""
+        two, self.h, self.cells, self.names = balance(np.array(A, float)), h, cells, list(rows)
+        A = np.array(A, object) * two[None, :] / two[:, None]
         self.powers, self.integral = powers(A, h, cells)
-        self.A = np.array(A, float)
-        self.names = list(rows)
-        self.C = np.array([[float(x * s) for x, s in zip(row, two)] for row in rows.values()])
-        self.b, self.e = (np.array([float(x / s) for x, s in zip(column, two)]) for column in (b, e))
-        self.start = {name: np.array([float(x / s) for x, s in zip(column, two)]) for name, column in start.items()}
+        self.A, self.C = np.array(A, float), np.array([row * two for row in rows.values()], float)
+        self.b, self.e = (np.array(column / two, float) for column in (b, e))
+        self.start = {name: np.array(column / two, float) for name, column in start.items()}
         M, row = np.abs(self.A) * h, np.abs(self.C) @ np.abs(self.A)
         bends, sizes = [], []
         signed = self.C @ self.A
@@ -307,66 +297,56 @@ class Loop:
 
 
 def loops(problem, slopes):
-    """The position's and the heading's loop for constant slopes (position, heading)."""
-    law, gain = problem["law"], {name: Fraction(value) for name, value in problem["gains"].items()}
-    m, mh = map(Fraction, slopes)
-    build = {"neuro_backstepping": _backstepping, "backstepping": _backstepping, "dfc": _dfc, "osfc": _osfc}
-    if law not in build:
-        raise Refused(f"law {law!r} is not known here")
-    return build[law](gain, m, mh, problem["step"], problem["cells"])
+    """The position's and the heading's loop for constant slopes, and what else goes into the command: of a_d, F, psi_d'."""
+    build = {"neuro_backstepping": _backstepping, "dfc": _dfc, "osfc": _osfc}
+    if problem["law"] not in build:
+        raise Refused(f"law {problem['law']!r} is not known here")
+    gains = {name: Fraction(value) for name, value in problem["gains"].items()}
+    return build[problem["law"]](gains, *map(Fraction, slopes), problem["step"], problem["cells"])
 
 
-def _unit(n, *ones):
-    return [Fraction(i in ones) for i in range(n)]
-
-
-def _sum(*terms):
-    return [sum(factor * row[i] for factor, row in terms) for i in range(len(terms[0][1]))]
+def states(n):
+    """Rows that pick each of n states, and one that picks none."""
+    return *np.vectorize(Fraction, otypes=[object])(np.eye(n, dtype=int)), np.array([Fraction(0)] * n)
 
 
 def _backstepping(g, m, mh, h, cells):
     """Eqs. (21)-(25), (41), (57), (63) with x = (Z1, e2, beta1, phi1 - v_d, phi2), e2 = chi2 - v_d; and (Z3, beta2)."""
-    Z, e, beta, p, q = (_unit(5, i) for i in range(5))
-    u = _sum((-g["k2"], e), (g["k2"], p), (g["omega_n"] / g["Pi_hat"], q))
-    off = _sum((1, p), (g["k1"], Z), (g["Lam"], beta))  # phi1 - alpha1
+    Z, e, beta, p, q, _ = states(5)
+    u = -g["k2"] * (e - p) + g["omega_n"] / g["Pi_hat"] * q
+    off = p + g["k1"] * Z + g["Lam"] * beta  # phi1 - alpha1
     stiff = g["omega_n"] ** 2 if g["literal"] else g["omega_n"]
-    A = [e, _sum((m, u)), Z, _sum((g["omega_n"], q)), _sum((-2 * g["zeta"] * g["omega_n"], q), (-stiff, off))]
-    start = {"Z": [1, 0, 0, -g["k1"], 0], "e": e}
-    rows = {"Z": Z, "u": u, "e": e, "net": _sum((1, e), (-1, p))}
-    axis = Loop(A, e, _sum((-1, p)), start, rows, h, cells)
-    Z, beta = _unit(2, 0), _unit(2, 1)
-    u = _sum((-g["k3"], Z), (-g["Lam_psi"] / g["Pi_psi_hat"], beta))
-    none = _unit(2)
-    heading = Loop([_sum((mh, u)), Z], Z, none, {"Z": Z}, {"Z": Z, "u": u, "net": Z}, h, cells)
+    A = [e, m * u, Z, g["omega_n"] * q, -2 * g["zeta"] * g["omega_n"] * q - stiff * off]
+    start, rows = {"Z": Z - g["k1"] * p, "e": e}, {"Z": Z, "u": u, "e": e, "net": e - p}
+    axis = Loop(A, e, -p, start, rows, h, cells)
+    Z, beta, none = states(2)
+    u = -g["k3"] * Z - g["Lam_psi"] / g["Pi_psi_hat"] * beta
+    heading = Loop([mh * u, Z], Z, none, {"Z": Z}, {"Z": Z, "u": u, "net": Z}, h, cells)
     return axis, heading, {"a": 0.0, "F": 0.0, "rate": 1 / g["Pi_psi_hat"]}
 
 
 def _dfc(g, m, mh, h, cells):
     """DFC class: x = (Z1, e2); and (Z3,)."""
-    Z, e = _unit(2, 0), _unit(2, 1)
-    u = _sum((-g["kp"], Z), (-g["kd"], e))
-    axis = Loop([e, _sum((m, u))], e, _unit(2), {"Z": Z, "e": e}, {"Z": Z, "u": u, "e": e}, h, cells)
-    turn = _sum((-g["kpsi"], _unit(1, 0)))
-    one = _unit(1, 0)
-    heading = Loop([_sum((mh, turn))], one, _unit(1), {"Z": one}, {"Z": one, "u": turn}, h, cells)
-    return axis, heading, {"a": 1.0, "F": -1.0, "rate": 1.0}
+    Z, e, none = states(2)
+    u = -g["kp"] * Z - g["kd"] * e
+    axis = Loop([e, m * u], e, none, {"Z": Z, "e": e}, {"Z": Z, "u": u, "e": e}, h, cells)
+    Z, none = states(1)
+    u = -g["kpsi"] * Z
+    return axis, Loop([mh * u], Z, none, {"Z": Z}, {"Z": Z, "u": u}, h, cells), {"a": 1.0, "F": -1.0, "rate": 1.0}
 
 
 def _osfc(g, m, mh, h, cells):
     """OSFC class: x = (Z1, e2, z1 - x_d, z2 - v_d, z3); and (Z3, q1 - psi_d, q2)."""
-    Z, e, z1, z2, z3 = (_unit(5, i) for i in range(5))
-    wo, b0 = g["wo"], g["b0"]
-    want = _sum((-g["kp"], z1), (-g["kd"], z2))
-    u = _sum((1 / b0, want), (-1 / b0, z3))
-    seen = _sum((1, Z), (-1, z1))
-    A = [e, _sum((m, u)), _sum((1, z2), (3 * wo, seen)), _sum((1, want), (3 * wo**2, seen)), _sum((wo**3, seen))]
-    axis = Loop(A, e, _unit(5), {"Z": _unit(5, 0, 2), "e": _unit(5, 1, 3)}, {"Z": Z, "u": u, "e": e}, h, cells)
-    Z, q1, q2 = (_unit(3, i) for i in range(3))
-    u = _sum((-g["kpsi"] / g["b0w"], q1), (-1 / g["b0w"], q2))
-    seen = _sum((1, Z), (-1, q1))
-    A = [_sum((mh, u)), _sum((-g["kpsi"], q1), (2 * g["wow"], seen)), _sum((g["wow"] ** 2, seen))]
-    heading = Loop(A, Z, _unit(3), {"Z": _unit(3, 0, 1)}, {"Z": Z, "u": u}, h, cells)
-    return axis, heading, {"a": 1 / b0, "F": 0.0, "rate": 1 / g["b0w"]}
+    Z, e, z1, z2, z3, none = states(5)
+    want, wo = -g["kp"] * z1 - g["kd"] * z2, g["wo"]
+    u = (want - z3) / g["b0"]
+    A = [e, m * u, z2 + 3 * wo * (Z - z1), want + 3 * wo**2 * (Z - z1), wo**3 * (Z - z1)]
+    axis = Loop(A, e, none, {"Z": Z + z1, "e": e + z2}, {"Z": Z, "u": u, "e": e}, h, cells)
+    Z, q1, q2, none = states(3)
+    u = (-g["kpsi"] * q1 - q2) / g["b0w"]
+    A = [mh * u, -g["kpsi"] * q1 + 2 * g["wow"] * (Z - q1), g["wow"] ** 2 * (Z - q1)]
+    heading = Loop(A, Z, none, {"Z": Z + q1}, {"Z": Z, "u": u}, h, cells)
+    return axis, heading, {"a": 1 / g["b0"], "F": 0.0, "rate": 1 / g["b0w"]}
 
 
 def sine_cosine(x):
@@ -387,17 +367,9 @@ class Motion:
         """From the numbers of a path."""
         kind, h = path["type"], Fraction(h)
         number = {name: Fraction(value) for name, value in path.items() if name != "type"}
-        if kind not in ("dumbbell", "circle", "line"):
+        if kind not in ("dumbbell", "circle"):
             raise Refused(f"path {kind!r} is not known here")
         middles = [h * k + h / 2 for k in range(cells)]
-        if kind == "line":
-            vx, vy = float(number["velocity_x"]), float(number["velocity_y"])
-            self.velocity = [(np.full(cells, v), 0.0) for v in (vx, vy)]
-            self.acceleration = [(np.zeros(cells), 0.0)] * 2
-            self.rate = np.zeros(cells), 0.0
-            self.place, self.speed = (float(number["origin_x"]), float(number["origin_y"])), (vx, vy)
-            self.bearing = math.atan2(vy, vx)
-            return
         w, size = float(number["omega"]), float(number["amplitude" if kind == "dumbbell" else "radius"])
         s, c = np.array([sine_cosine(number["omega"] * t) for t in middles]).T
         late, r = float(h) / 2, 1e-13
@@ -643,7 +615,7 @@ def main(arguments):
     except Refused as why:
         print(f"refused: {why}")
         return 1
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, RecursionError) as error:
+    except NONSENSE as error:
         print(f"refused: this is no certificate ({type(error).__name__}: {error})")
         return 1
     claim, problem = certificate["claim"], certificate["problem"]
