@@ -58,7 +58,7 @@ class Refused(Exception):
 # forms: arrays (S + 3, N) for N cells, affine in unknowns in [-1, 1]: a centre, S of the box, one of the cell, a rest
 
 
-def form(centre, rest=0.0):
+def form(centre, rest: object = 0.0):
     """A form without unknowns."""
     out = np.zeros((S + 3, np.size(centre)))
     out[0], out[-1] = centre, rest
@@ -82,7 +82,7 @@ def rounded(a, magnitude):
 
 
 def plus(a, b, sign=1.0):
-    """a + sign b."""
+    """A + sign b."""
     out = a + sign * b
     out[-1] = a[-1] + b[-1]
     return rounded(out, size(a) + size(b))
@@ -297,12 +297,13 @@ class Loop:
 
 
 def loops(problem, slopes):
-    """The position's and the heading's loop for constant slopes, and what else goes into the command: of a_d, F, psi_d'."""
+    """The position's and the heading's loop for constant slopes; what of a_d, F and psi_d' goes into the command."""
     build = {"neuro_backstepping": _backstepping, "dfc": _dfc, "osfc": _osfc}
     if problem["law"] not in build:
         raise Refused(f"law {problem['law']!r} is not known here")
     gains = {name: Fraction(value) for name, value in problem["gains"].items()}
-    return build[problem["law"]](gains, *map(Fraction, slopes), problem["step"], problem["cells"])
+    position, heading = map(Fraction, slopes)
+    return build[problem["law"]](gains, position, heading, problem["step"], problem["cells"])
 
 
 def states(n):
@@ -350,7 +351,7 @@ def _osfc(g, m, mh, h, cells):
 
 
 def sine_cosine(x):
-    """sin and cos of a fraction >= 0, to 2^-60, by integers."""
+    """Sin and cos of a fraction >= 0, to 2^-60, by integers."""
     unit = term = 1 << 160
     x, sums, k = int(x * unit), [0, 0], 0
     while term:
@@ -386,7 +387,7 @@ class Motion:
 
 
 def energy(centers, width, dimension):
-    """An upper bound of S'S of eq. (20): nodes lie on the diagonal, so the mean coordinate says how near they can be."""
+    """An upper bound of S'S of eq. (20): nodes lie on the diagonal; the mean coordinate says how near they can be."""
     grid = np.linspace(min(centers) - 1e-9, max(centers) + 1e-9, 2001)
     total = np.zeros(2000)
     for c in centers:
@@ -399,11 +400,11 @@ def energy(centers, width, dimension):
 
 
 class Channel:
-    """One error's loop with what drives it; a tube for its W is centre and unknowns (S + 1, cells) and rest (cells,)."""
+    """One error's loop and what drives it; a tube for its W: centre and unknowns (S + 1, cells) and rest (cells,)."""
 
-    def __init__(self, loop, box, name, start, drive, network=None):
-        """From a loop, its start {row of `loop.start`: form}, the path's acceleration and the network's numbers."""
-        self.loop, self.box, self.name, self.network = loop, box, name, network
+    def __init__(self, loop, box, name, start, drive):
+        """From a loop, its start {row of `loop.start`: form} and the path's acceleration with its rest."""
+        self.loop, self.box, self.name = loop, box, name
         self.x = sum(np.outer(value[: S + 1, 0], loop.start[row]) for row, value in start.items())
         self.a, rest = drive
         self.drift = loop.passed(loop.kernel_a, np.full(loop.cells, rest))
@@ -433,7 +434,7 @@ def force(channel, slope, y, feedforward, network_gain):
 
 
 def network_gain(network, squares, h, belief):
-    """n = varphi S'S / (2 b^2) / Pi at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi) - eta varphi."""
+    """The network's gain at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi) - eta varphi."""
     share = network["energy"] / (2 * network["b"] ** 2) * (1 + REL)
     varphi = network["start"] + np.cumsum(squares) * (h * network["gamma"] * share / belief)
     return varphi * share / belief * (1 + SUM)
@@ -461,8 +462,8 @@ def settle(step, count, cells, lean):
     tubes, rough, frozen = [(np.zeros((S + 1, cells)), np.zeros(cells)) for _ in range(count)], True, FIRST + LAST
     for i in range(ROUNDS):
         forms, out = step(tubes, rough)  # of each W two, either of which holds: cell by cell the better
-        needs = [np.minimum(*(_beyond(W, tube) for W in pair)) for pair, tube in zip(forms, tubes)]
-        if all(np.all(need < tube[1]) for need, tube in zip(needs, tubes)):
+        needs = [np.minimum(*(_beyond(W, tube) for W in pair)) for pair, tube in zip(forms, tubes, strict=True)]
+        if all(np.all(need < tube[1]) for need, tube in zip(needs, tubes, strict=True)):
             if not rough:
                 return out
             rough, frozen = False, i + LAST
@@ -473,8 +474,31 @@ def settle(step, count, cells, lean):
             best = [np.where(_cost(one, lean) <= _cost(other, lean), one, other) for one, other in forms]
             tubes = [(W[: S + 1].copy(), _rest(W) * (1 + GROW) + 1e-6) for W in best]
         else:
-            tubes = [(tube[0], np.maximum(tube[1], need * (1 + GROW) + 1e-6)) for tube, need in zip(tubes, needs)]
+            tubes = [
+                (tube[0], np.maximum(tube[1], need * (1 + GROW) + 1e-6))
+                for tube, need in zip(tubes, needs, strict=True)
+            ]
     raise Refused(f"the tube does not close in {ROUNDS} rounds")
+
+
+def _sound(numbers):
+    """That the numbers of a problem are those of its law, and of a kind for which the argument holds."""
+    keys = {"law", "gains", "step", "cells", "late", "path", "disturbance", "wrapped"}
+    paper = numbers["law"] == "neuro_backstepping"
+    _keys(numbers, keys | {"networks"} if paper else keys, "the problem")
+    if numbers["wrapped"] is not True and not (paper and numbers["wrapped"] is False):
+        raise Refused("only the paper's law may leave its error unwrapped")
+    positive, rest = [], [numbers["late"], *numbers["disturbance"].values()]
+    positive += [numbers["step"], numbers["cells"], *(x for name, x in numbers["path"].items() if name != "type")]
+    rest += [x for name, x in numbers["gains"].items() if name in ("Lam", "Lam_psi", "literal")]
+    positive += [x for name, x in numbers["gains"].items() if name not in ("Lam", "Lam_psi", "literal")]
+    for net in numbers["networks"].values() if paper else ():
+        rest.append(net["start"])
+        positive += [net[name] for name in ("gamma", "b", "width")]
+    if not all(type(x) in (int, float) and x >= 0 for x in positive + rest) or not all(x > 0 for x in positive):
+        raise Refused("a number of the problem is not positive")
+    if numbers["cells"] != int(numbers["cells"]) or numbers["cells"] > 20_000:
+        raise Refused("cells must be a whole number, at most 20000")
 
 
 class Problem:
@@ -482,9 +506,8 @@ class Problem:
 
     def __init__(self, numbers):
         """From the certificate's `problem`."""
+        _sound(numbers)
         self.numbers, self.h, self.cells = numbers, float(numbers["step"]), int(numbers["cells"])
-        if not (0 < self.h and 1 <= self.cells <= 20000):
-            raise Refused("step and cells must be positive")
         self.late = int(math.floor(float(numbers["late"]) / self.h))
         if not 0 <= self.late < self.cells:
             raise Refused("late must lie within the horizon")
@@ -503,7 +526,7 @@ class Problem:
         """Bounds of the three errors from `late` on, in x, y, heading, over a box; Refused where none is proved."""
         *slopes, lean = slopes
         axis, turn, feed = self.loops(tuple(slopes))
-        wave = times(box.leaf("disturbance.amplitude", self.cells), form(*self.wave))
+        wave = times(box.leaf("disturbance.amplitude", self.cells), form(self.wave[0], self.wave[1]))
         own = [pair for leaf, pair in box.intervals.items() if "position" not in leaf and "velocity" not in leaf]
         key = (*own, slopes[1], lean)  # all that the heading depends on
         if key not in self.turns:
@@ -517,7 +540,7 @@ class Problem:
         start = plus(box.leaf("start.heading"), form(self.motion.bearing, 1e-14), -1.0)
         start[1 + LEAVES.index("start.heading")] += start[-1]
         channel = Channel(loop, box, "heading", {"Z": start}, (np.zeros(self.cells), 0.0))
-        rate = form(*self.motion.rate)
+        rate = form(self.motion.rate[0], self.motion.rate[1])
         base = plus(wave, rate, -1.0)
 
         def step(tubes, rough):
@@ -551,12 +574,12 @@ class Problem:
             channels.append(Channel(loop, box, "position", start, self.motion.acceleration[i]))
 
         def step(tubes, rough):
-            ys = [channel.outputs(*tube, rough) for channel, tube in zip(channels, tubes)]
+            ys = [channel.outputs(*tube, rough) for channel, tube in zip(channels, tubes, strict=True)]
             gain = None if "net" not in ys[0] else self._gain("position", sum(size(y["net"]) ** 2 for y in ys))
-            moves = [plus(y["e"], speed) for y, speed in zip(ys, speeds)]
+            moves = [plus(y["e"], speed) for y, speed in zip(ys, speeds, strict=True)]
             couplings = [scaled(times(yaw, moves[1]), -1.0), times(yaw, moves[0])]  # F = yaw rate (-y', x')
             forms = []
-            for channel, y, F, push in zip(channels, ys, couplings, pushes):
+            for channel, y, F, push in zip(channels, ys, couplings, pushes, strict=True):
                 forward = plus(scaled(push, float(feed["a"])), scaled(F, float(feed["F"])))
                 _, W = force(channel, slope, y, forward, gain)
                 base = plus(plus(F, wave), push, -1.0)
@@ -584,7 +607,9 @@ def _leaves(problem, box, node, claim):
     """Proves the claim over a box: on a leaf by a tube, else on both halves."""
     if "leaf" in node:
         _keys(node, ("leaf", "bounds"), "a leaf")
-        for name, bound, stated, most in zip(CHANNELS, problem.bounds(box, node["leaf"]), node["bounds"], claim):
+        for name, bound, stated, most in zip(
+            CHANNELS, problem.bounds(box, node["leaf"]), node["bounds"], claim, strict=True
+        ):
             if not bound <= stated <= min(most, bound * (1 + MATCH)):
                 raise Refused(f"{name}: {bound:.8g} follows, {stated:.8g} is stated, {most:.8g} is claimed")
         return 1

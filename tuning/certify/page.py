@@ -19,8 +19,8 @@ CAPTION = (
 )
 MEANS = (
     "**Proved**: holds for every scenario of the box, by an argument that a program of its own has checked. **No"
-    " violation found**: a search by gradient ascent and samples met none; one may exist. Nothing here is a probability,"
-    " and nothing is the worst of a sample."
+    " violation found**: a search by gradient ascent and samples met none; one may exist. Nothing here is a"
+    " probability, and nothing is the worst of a sample."
 )
 
 
@@ -69,6 +69,10 @@ def sentences(config: Config, found: Certified) -> tuple[list[str], str]:
     return [f"{said}{step}.", f"{searched}."], f"Not proved in the whole box, only in {found.share:.3g} of it{step}."
 
 
+def _parts(boxes: int) -> str:
+    return "the box as a whole" if boxes == 1 else f"{boxes} parts of the box"
+
+
 def _page(config: Config, found: Certified, said: list[str], drawn: bool) -> str:
     rows = []
     middle = nominal(config)
@@ -86,7 +90,7 @@ def _page(config: Config, found: Certified, said: list[str], drawn: bool) -> str
         parts.append(grid(["error", "largest that is proved", "asked"], bounds))
     if found.certificate:
         parts.append(
-            f"The proof, in {found.boxes} part(s) of the box, is in `certificate.json`; `python -m"
+            f"The proof, on {_parts(found.boxes)}, is in `certificate.json`; `python -m"
             " tuning.certify.checker certificate.json`, or the file `tuning/certify/checker.py` alone, checks it anew."
         )
     parts.append(

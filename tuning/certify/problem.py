@@ -23,7 +23,7 @@ Ends = dict[str, tuple[float, float]]
 def problem(config: Config) -> dict[str, Any]:
     """Law, path, disturbance and grid of a configuration of which `unproved` says nothing."""
     law, scenario, settings = config.controller, config.scenario, config.certify
-    wave, step = scenario.disturbance, float(settings.step)
+    wave, step = agvjax.leaves(scenario.disturbance), float(settings.step)
     numbers = {
         "law": {agvjax.DFC: "dfc", agvjax.OSFC: "osfc"}.get(type(law), "neuro_backstepping"),
         "gains": {name: float(value) for name, value in agvjax.leaves(law).items() if not np.ndim(value)},
@@ -31,13 +31,13 @@ def problem(config: Config) -> dict[str, Any]:
         "cells": math.ceil(config.simulate.horizon / step - 1e-9),
         "late": float(config.criteria.late),
         "path": _path(scenario.path),
-        "disturbance": {"omega": float(wave.omega), "phase": float(wave.phase)},
+        "disturbance": {name: float(wave[name]) for name in ("omega", "phase")},
         "wrapped": True,
     }
     if isinstance(law, agvjax.NeuroBackstepping):
         numbers["networks"] = _networks(law)
         numbers["wrapped"] = law.wrapped
-        gains = (*law.tunable, "Pi_hat", "Pi_psi_hat")
+        gains = (*(law.tunable or ()), "Pi_hat", "Pi_psi_hat")
         numbers["gains"] = {name: float(get(law, name)) for name in gains}
         numbers["gains"]["literal"] = float(isinstance(law.filter, LiteralFilter))
     return numbers

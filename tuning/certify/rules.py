@@ -8,6 +8,7 @@ import numpy as np
 
 import agvjax
 from agvjax import Fault
+from agvjax.controllers.backstepping import KnownSlopes
 from agvjax.controllers.filters import CommandFilter, LiteralFilter
 from agvjax.plants.decoupled import DeliveredYawRate, TurnedVelocity
 
@@ -71,13 +72,13 @@ def _law(law: agvjax.Law) -> Iterator[str]:
     if isinstance(law, agvjax.Sampled | agvjax.EventTriggered):
         yield f"{name} holds its command between instants: the proof is of the loop in continuous time"
     elif law.follows():
-        yield f"{name} follows a route by where the vehicle is: its error has no linear part that is the same everywhere"
+        yield f"{name} follows a route by where the vehicle is: its error has no linear part, the same everywhere"
     elif type(law) in NOT_LINEAR:
         yield f"{name}: {NOT_LINEAR[type(law)]}"
     elif type(law) not in LINEAR:
         yield f"{name} is not among the laws whose linear part is known: {', '.join(c.__name__ for c in LINEAR)}"
     elif isinstance(law, agvjax.NeuroBackstepping):
-        if any(np.ndim(x) or not isinstance(x, int | float | np.ndarray) for x in (law.Pi_hat, law.Pi_psi_hat)):
+        if any(isinstance(x, KnownSlopes) or np.ndim(np.asarray(x)) for x in (law.Pi_hat, law.Pi_psi_hat)):
             yield "the law assumes slopes by sign or by axis (Pi_hat): its command is not linear"
         if not isinstance(law.filter, CommandFilter | LiteralFilter):
             yield "without a command filter the law has no state for its virtual command"

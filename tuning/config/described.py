@@ -234,7 +234,7 @@ OF_NAME = {
     "tune.goals": ("a number or a table", "weights of a metric in the goal; a number weights its mean"),
     "tune.limits": ("a number or a table", "limits on a metric; a number limits its mean and worst, inf is no limit"),
     "tune.options": ("a value", "a further argument of the optimiser"),
-    **dict.fromkeys(("sweep.over", "certify.over"), ("a table, or a list of values", "the values of a leaf on the axis")),
+    **dict.fromkeys(("sweep.over", "certify.over"), ("a table, or a list of values", "values of a leaf on the axis")),
     "sweep.fails": ("a number or a table", "bound of a metric above which a run has failed"),
     "identify.columns": ("a name or a table", "the column of a quantity of the log"),
     "identify.topics": ("the name of a topic", "the topic of a recording that serves as a role"),

