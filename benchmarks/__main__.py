@@ -15,6 +15,7 @@ from typing import Any
 
 from . import (
     accuracy,
+    certify,
     drives,
     explore,
     figure,
@@ -46,6 +47,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "sweep": sweep.measure,
     "explore": explore.measure,
     "drives": lambda turns: drives.measure(),
+    "certify": lambda turns: _alone(certify.measure),
 }
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
 

@@ -58,7 +58,7 @@ class Refused(Exception):
 # forms: arrays (S + 3, N) for N cells, affine in unknowns in [-1, 1]: a centre, S of the box, one of the cell, a rest
 
 
-def form(centre, rest: object = 0.0):
+def form(centre, rest: np.ndarray | float = 0.0):
     """A form without unknowns."""
     out = np.zeros((S + 3, np.size(centre)))
     out[0], out[-1] = centre, rest
@@ -530,7 +530,7 @@ class Problem:
         own = [pair for leaf, pair in box.intervals.items() if "position" not in leaf and "velocity" not in leaf]
         key = (*own, slopes[1], lean)  # all that the heading depends on
         if key not in self.turns:
-            self.turns = {key: self._heading(box, turn, feed, slopes[1], wave, lean)}
+            self.turns = {key: self._heading(box, turn, feed, slopes[1], wave, lean)}  # the last one
         Z3, yaw = self.turns[key]
         Zx, Zy = self._position(box, axis, feed, slopes[0], wave, yaw, lean)
         return [float(size(Z)[self.late :].max()) for Z in (Zx, Zy, Z3)]
@@ -544,10 +544,11 @@ class Problem:
         base = plus(wave, rate, -1.0)
 
         def step(tubes, rough):
-            y = channel.outputs(*tubes[0], rough)
+            W, rest = tubes[0]
+            y = channel.outputs(W, rest, rough)
             gain = self._gain("heading", size(y["Z"]) ** 2)
-            gives, W = force(channel, slope, y, scaled(rate, float(feed["rate"])), gain)
-            return [[plus(one, base) for one in W]], (y["Z"], gives)
+            gives, pair = force(channel, slope, y, scaled(rate, float(feed["rate"])), gain)
+            return [[plus(one, base) for one in pair]], (y["Z"], gives)
 
         Z3, yaw = settle(step, 1, self.cells, lean)
         if self.numbers["wrapped"] and not size(Z3).max() < 3.14:

@@ -23,7 +23,13 @@ from tuning.studies.paper.bounds import peak_gain
 SOURCE = Path(checker.__file__).read_text()
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef
 BETWEEN = tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER
-SHORT = ["simulate.horizon=0.6", "criteria.late=0.4", "certify.within=0.2", "certify.within_heading=0.4"]
+SHORT = [
+    "simulate.horizon=1.2",
+    "criteria.late=0.9",
+    "certify.within=0.2",
+    "certify.within_heading=0.4",
+    "certify.step=0.02",
+]
 
 
 @pytest.fixture(scope="module")
