@@ -15,10 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from tuning.certify import certify, checker
-from tuning.certify.found import Seeker, late_errors, scenarios
-from tuning.certify.rules import faults
 from tuning.config import load
+from tuning.studies.certify import certify, checker
+from tuning.studies.certify.found import Seeker, late_errors, scenarios
+from tuning.studies.certify.rules import faults
 
 TUNED = {  # by `agvjax tune`, seed 0
     "k1": 36.06579871266203,
@@ -46,7 +46,7 @@ BLOCK, SAMPLES, SEARCHES, STARTS = 4000, 100_000, 32, 32
 
 
 def measure(samples: int = SAMPLES, searches: int = SEARCHES) -> list[dict[str, Any]]:
-    """A row a case; where starts vary too, also `samples` runs and `searches` times `STARTS` ascents in what is proved."""
+    """A row a case; where starts vary too, also `samples` runs and `searches` times `STARTS` ascents in the proved box."""
     jax.config.update("jax_enable_x64", True)
     rows = []
     for case in CASES:

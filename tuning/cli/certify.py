@@ -7,11 +7,11 @@ import argparse
 from agvjax import Fault, InputError
 
 from .. import config as configuration
-from ..certify import certify
-from ..certify.page import write
-from ..certify.rules import faults, moving
 from ..config.codecs import Toml
 from ..io import files
+from ..studies.certify import certify
+from ..studies.certify.page import write
+from ..studies.certify.rules import faults, moving
 from .axes import axis
 from .console import RunFailed
 from .folders import new_folder

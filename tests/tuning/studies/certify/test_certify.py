@@ -10,12 +10,12 @@ import pytest
 
 import agvjax
 from commands import files_of, run
-from tuning.certify import certify, checker
-from tuning.certify.found import Seeker, late_errors, scenarios
-from tuning.certify.problem import box, nominal
-from tuning.certify.prove import LEANS, Prover, leaves
-from tuning.certify.rules import faults, unproved
 from tuning.config import load
+from tuning.studies.certify import certify, checker
+from tuning.studies.certify.found import Seeker, late_errors, scenarios
+from tuning.studies.certify.problem import box, nominal
+from tuning.studies.certify.prove import LEANS, Prover, leaves
+from tuning.studies.certify.rules import faults, unproved
 
 SHORT = ["simulate.horizon=0.6", "criteria.late=0.4", "certify.within=0.2", "certify.within_heading=0.4"]
 SMALL = ["tune.search.scouts=16", "tune.search.starts=2", "tune.search.iterations=2"]

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import agvjax
-from tuning.certify import checker
-from tuning.certify.problem import box, problem
-from tuning.certify.prove import Prover, certificate
 from tuning.config import load
+from tuning.studies.certify import checker
+from tuning.studies.certify.problem import box, problem
+from tuning.studies.certify.prove import Prover, certificate
 from tuning.studies.paper.bounds import peak_gain
 
 SOURCE = Path(checker.__file__).read_text()

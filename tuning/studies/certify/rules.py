@@ -12,11 +12,11 @@ from agvjax.controllers.backstepping import KnownSlopes
 from agvjax.controllers.filters import CommandFilter, LiteralFilter
 from agvjax.plants.decoupled import DeliveredYawRate, TurnedVelocity
 
-from ..config import rules
-from ..config.ends import LAW, Moving, element_of
-from ..config.settings import Config
-from ..ensemble.draws import Range, Span
-from ..ensemble.rules import near
+from ...config import rules
+from ...config.ends import LAW, Moving, element_of
+from ...config.settings import Config
+from ...ensemble.draws import Range, Span
+from ...ensemble.rules import near
 from .checker import LEAVES
 
 LINEAR = (agvjax.NeuroBackstepping, agvjax.DFC, agvjax.OSFC)  # but for the deadzone, and what is bounded

@@ -15,9 +15,9 @@ from agvjax.geometry import wrap
 from agvjax.paths.heading import reference
 from agvjax.protocols import Law
 
-from ..config.settings import Config
-from ..ensemble.draws import Between
-from ..ensemble.worst import Adversary
+from ...config.settings import Config
+from ...ensemble.draws import Between
+from ...ensemble.worst import Adversary
 from .problem import box, nominal
 
 BLOCK, CLOSE, MOST = 64, 0.01, 4.0  # scenarios together; the bisection's end; boxes beyond the one asked about

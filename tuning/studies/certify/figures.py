@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from ..config.settings import Config
-from ..io.panels import panels
+from ...config.settings import Config
+from ...io.panels import panels
 from .found import late_errors, scenarios
 from .problem import box, nominal
 from .prove import Certified

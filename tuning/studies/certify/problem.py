@@ -12,8 +12,8 @@ import agvjax
 from agvjax.controllers.filters import LiteralFilter
 from agvjax.leaves import get
 
-from ..config.ends import element_of
-from ..config.settings import Config
+from ...config.ends import element_of
+from ...config.settings import Config
 from . import checker
 from .rules import over
 

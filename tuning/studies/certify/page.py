@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from ..config.settings import Config
-from ..io import files
-from ..io.pages import grid, picture, publish
-from ..io.pictures import write_figures
+from ...config.settings import Config
+from ...io import files
+from ...io.pages import grid, picture, publish
+from ...io.pictures import write_figures
 from . import figures
 from .problem import nominal
 from .prove import Certified
@@ -91,7 +91,7 @@ def _page(config: Config, found: Certified, said: list[str], drawn: bool) -> str
     if found.certificate:
         parts.append(
             f"The proof, on {_parts(found.boxes)}, is in `certificate.json`; `python -m"
-            " tuning.certify.checker certificate.json`, or the file `tuning/certify/checker.py` alone, checks it anew."
+            " tuning.studies.certify.checker certificate.json`, or the file `tuning/studies/certify/checker.py` alone, checks it anew."
         )
     parts.append(
         "Assumed: the loop in continuous time, of which the simulation is an approximation; the law and the decoupled"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..config.settings import Config
+from ...config.settings import Config
 from . import checker
 from .found import Seeker
 from .problem import Ends, box, problem
