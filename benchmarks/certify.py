@@ -46,7 +46,7 @@ BLOCK, SAMPLES, SEARCHES, STARTS = 4000, 100_000, 32, 32
 
 
 def measure(samples: int = SAMPLES, searches: int = SEARCHES) -> list[dict[str, Any]]:
-    """A row a case; where starts vary too, also `samples` runs and `searches` times `STARTS` ascents in the proved box."""
+    """A row a case; where starts vary, too, `samples` runs and `searches` times `STARTS` ascents in the proved box."""
     jax.config.update("jax_enable_x64", True)
     rows = []
     for case in CASES:

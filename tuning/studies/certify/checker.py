@@ -115,7 +115,7 @@ def positive(a):
 
 
 def delivered(u, box, channel):
-    """Eq. (11): what the deadzone of a channel delivers."""
+    """What the deadzone of a channel delivers, by eq. (11)."""
     right, left, far_right, far_left = (box.leaf(f"deadzone.{channel}.{name}", u.shape[1]) for name in SLOPES)
     positives = times(right, positive(plus(u, far_right, -1.0)))
     return plus(positives, times(left, positive(scaled(plus(u, far_left), -1.0))), -1.0)
@@ -312,7 +312,7 @@ def states(n):
 
 
 def _backstepping(g, m, mh, h, cells):
-    """Eqs. (21)-(25), (41), (57), (63) with x = (Z1, e2, beta1, phi1 - v_d, phi2), e2 = chi2 - v_d; and (Z3, beta2)."""
+    """By eqs. (21)-(25), (41), (57), (63), x = (Z1, e2, beta1, phi1 - v_d, phi2), e2 = chi2 - v_d; and (Z3, beta2)."""
     Z, e, beta, p, q, _ = states(5)
     u = -g["k2"] * (e - p) + g["omega_n"] / g["Pi_hat"] * q
     off = p + g["k1"] * Z + g["Lam"] * beta  # phi1 - alpha1

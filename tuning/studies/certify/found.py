@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ def scenarios(scenario: agvjax.Scenario, values: dict[str, Array]) -> dict[str, 
 
 
 def late_errors(
-    law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: Any
+    law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: object
 ) -> tuple[Float[Array, "3 B"], Float[Array, " B"]]:
     """Largest errors in x, y [m] and heading [rad] from `late` on, and whether each run has gone well."""
     batch = agvjax.batch(scenario, leaves)
@@ -67,7 +67,7 @@ class Seeker(NamedTuple):
         labels = [f"side{i}" for i in range(len(names))]
         limits = jnp.asarray([config.certify.within, config.certify.within, config.certify.within_heading])
 
-        def rollout(z: Any, moves: Any) -> tuple[Array, Array]:
+        def rollout(z: tuple[Law, Array], moves: dict[str, Array]) -> tuple[Array, Array]:
             law, share = z
             given = jnp.stack([moves[label] for label in labels])
             low, centre, high = (jnp.asarray(x, given.dtype)[:, None] for x in ends.T)

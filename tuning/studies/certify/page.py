@@ -91,7 +91,7 @@ def _page(config: Config, found: Certified, said: list[str], drawn: bool) -> str
     if found.certificate:
         parts.append(
             f"The proof, on {_parts(found.boxes)}, is in `certificate.json`; `python -m"
-            " tuning.studies.certify.checker certificate.json`, or the file `tuning/studies/certify/checker.py` alone, checks it anew."
+            " tuning.studies.certify.checker certificate.json` checks it anew, as does that file alone."
         )
     parts.append(
         "Assumed: the loop in continuous time, of which the simulation is an approximation; the law and the decoupled"

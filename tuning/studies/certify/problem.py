@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,11 @@ from ...config.settings import Config
 from . import checker
 from .rules import over
 
+Numbers = dict[str, Any]  # a part of a certificate, as JSON has it
 Ends = dict[str, tuple[float, float]]
 
 
-def problem(config: Config) -> dict[str, Any]:
+def problem(config: Config) -> Numbers:
     """Law, path, disturbance and grid of a configuration of which `unproved` says nothing."""
     law, scenario, settings = config.controller, config.scenario, config.certify
     wave, step = agvjax.leaves(scenario.disturbance), float(settings.step)
@@ -43,13 +43,13 @@ def problem(config: Config) -> dict[str, Any]:
     return numbers
 
 
-def _path(path: agvjax.Path) -> dict[str, Any]:
+def _path(path: agvjax.Path) -> Numbers:
     if isinstance(path, agvjax.Circle):
         return {"type": "circle", "radius": float(path.radius), "omega": float(path.omega)}
     return {"type": "dumbbell", "amplitude": float(get(path, "amplitude")), "omega": float(get(path, "omega"))}
 
 
-def _networks(law: agvjax.NeuroBackstepping) -> dict[str, Any]:
+def _networks(law: agvjax.NeuroBackstepping) -> Numbers:
     rows = {
         "position": (law.gamma1, law.b1, law.varphi_start, law.position_network),
         "heading": (law.gamma2, law.b2, law.varphi_psi_start, law.heading_network),
@@ -76,10 +76,10 @@ def nominal(config: Config) -> dict[str, float]:
     return values
 
 
-def box(config: Config, share: float = 1.0, sides: Mapping[str, Any] | None = None) -> Ends:
+def box(config: Config, share: float = 1.0) -> Ends:
     """The box of a configuration, or the share of it around nominal: every side the share of the way to either end."""
     ends = {name: (value, value) for name, value in nominal(config).items()}
-    for name, span in (over(config) if sides is None else sides).items():
+    for name, span in over(config).items():
         leaf, element = element_of(name)
         middle = np.asarray(get(config.scenario, leaf), float)
         middle = middle if element is None else middle[element]

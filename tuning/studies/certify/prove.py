@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...config.settings import Config
 from . import checker
 from .found import Seeker
-from .problem import Ends, box, problem
+from .problem import Ends, Numbers, box, problem
 from .rules import unproved
 
-Node = dict[str, Any]
 Steep = Mapping[str, float]  # by leaf, how much the worst error grows over the whole side of the box
 LEANS = (0.3, 9.0)  # how much less a tube counts what comes from the unknowns than what is only bounded
 
@@ -26,7 +25,7 @@ class Certified(NamedTuple):
     bounds: tuple[float, ...]  # that were proved in it: x, y [m], heading [rad]
     boxes: int  # parts of it
     failed: str  # at the smallest share that was not proved: which step failed
-    certificate: dict[str, Any]  # empty where nothing is proved
+    certificate: Numbers  # empty where nothing is proved
 
     @property
     def proved(self) -> bool:
@@ -43,12 +42,12 @@ class Prover:
         self.claim = (config.certify.within, config.certify.within, config.certify.within_heading)
         self.whole, self.why = box(config), ""
 
-    def tree(self, ends: Ends) -> Node | None:
+    def tree(self, ends: Ends) -> Numbers | None:
         """A tree of splits whose leaves prove the claim; None where it needs more than `boxes` leaves."""
         self.left = self.most
         return self._branch(checker.Box(ends), self.most)
 
-    def _branch(self, part: checker.Box, budget: int) -> Node | None:
+    def _branch(self, part: checker.Box, budget: int) -> Numbers | None:
         if (leaf := self._leaf(part)) is not None:
             self.left -= 1
             return leaf
@@ -64,7 +63,7 @@ class Prover:
         low, high = (other, nodes[0]) if first is above else (nodes[0], other)
         return {"split": name, "at": at, "below": low, "above": high}
 
-    def _leaf(self, part: checker.Box) -> Node | None:
+    def _leaf(self, part: checker.Box) -> Numbers | None:
         """A tube that proves the claim."""
         slopes = [_mean_slope(part, name) for name in ("position", "heading")]
         for lean in LEANS:
@@ -94,7 +93,7 @@ def _mean_slope(part: checker.Box, channel: str) -> float:
     return sum(sum(part.intervals[f"deadzone.{channel}.slope_{side}"]) for side in ("right", "left")) / 4
 
 
-def certificate(claim: Sequence[float], numbers: Mapping[str, Any], ends: Ends, tree: Node) -> dict[str, Any]:
+def certificate(claim: Sequence[float], numbers: Numbers, ends: Ends, tree: Numbers) -> Numbers:
     """What the checker reads, signed with its digest."""
     content = {
         "version": checker.VERSION,
@@ -106,7 +105,7 @@ def certificate(claim: Sequence[float], numbers: Mapping[str, Any], ends: Ends, 
     return {**content, "digest": checker.digest(content)}
 
 
-def leaves(tree: Node) -> list[Node]:
+def leaves(tree: Numbers) -> list[Numbers]:
     """The leaves of a tree."""
     return [tree] if "leaf" in tree else [*leaves(tree["below"]), *leaves(tree["above"])]
 
