@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.patches import Rectangle
 
 from ...config.settings import Config
 from ...io.panels import panels
@@ -74,8 +73,7 @@ def boxes(config: Config, found: Certified, seen: list[Plane]) -> Figure:
         ax.contour(*plane.ticks, np.nan_to_num(plane.errors, nan=9.0), levels=[1.0], colors="k", linewidths=0.8)
         for ends, color, style, label in _rectangles(config, found):
             (x0, x1), (y0, y1) = (ends[name] for name in plane.names)
-            patch = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, ec=color, ls=style, lw=1.8, label=label)
-            ax.add_patch(patch)
+            ax.plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], style, color=color, lw=1.8, label=label)
         ax.set(xlabel=_short(plane.names[0]), ylabel=_short(plane.names[1]))
         ax.set_xlim(plane.ticks[0][0], plane.ticks[0][-1])
         ax.set_ylim(plane.ticks[1][0], plane.ticks[1][-1])
