@@ -9,6 +9,7 @@ from ...config.settings import Config
 from ...io import files
 from ...io.pages import grid, picture, publish
 from ...io.pictures import write_figures
+from ...io.statements import PROVED, of_kind, said
 from . import figures
 from .problem import nominal
 from .prove import Certified
@@ -17,10 +18,8 @@ CAPTION = (
     "Largest error over its bound, simulated on planes through the nominal scenario (black line: the bound), the box"
     " that is proved, the one in which no violation was found, and the one asked about."
 )
-MEANS = (
-    "**Proved**: holds for every scenario of the box, by an argument that a program of its own has checked. **No"
-    " violation found**: a search by gradient ascent and samples met none; one may exist. Nothing here is a"
-    " probability, and nothing is the worst of a sample."
+MEANS = said(
+    of_kind(PROVED), "no violation found: a search by gradient ascent and samples met none, and there may be one"
 )
 
 
@@ -34,16 +33,16 @@ class Told(NamedTuple):
 def write(config: Config, found: Certified, out: Path) -> Told:
     """Everything into the folder of a run."""
     if found.why:
-        said = f"Nothing can be proved of this loop: {found.why}."
-        publish(out, f"# What is certain?\n\n**{said}**\n\nSee docs/certify.md for what a proof needs.\n")
-        return Told("", said)
-    said, failure = sentences(config, found)
+        why = f"Nothing can be proved of this loop: {found.why}."
+        publish(out, f"# What is certain?\n\n**{why}**\n\nSee docs/certify.md for what a proof needs.\n")
+        return Told("", why)
+    lines, failure = sentences(config, found)
     if found.certificate:
         files.write(out / "certificate.json", files.as_json(found.certificate))
     seen = figures.planes(config, found)
     lost = write_figures(out, {"map": lambda: figures.boxes(config, found, seen)}) if seen else []
-    publish(out, _page(config, found, said, bool(seen)))
-    return Told("\n".join([*said, *lost]), failure)
+    publish(out, _page(config, found, lines, bool(seen)))
+    return Told("\n".join([*lines, *lost]), failure)
 
 
 def claim(config: Config) -> str:
@@ -62,24 +61,24 @@ def sentences(config: Config, found: Certified) -> tuple[list[str], str]:
         return [f"Proved in the whole box: {claim(config)}.", f"{searched}."], ""
     step = f"; beyond that the proof fails: {found.failed}"
     if not found.certificate:
-        said = f"Not proved, not even for the nominal scenario: {found.failed}"
-        return [f"{said}.", f"{searched}."], f"{said}."
+        none = f"Not proved, not even for the nominal scenario: {found.failed}"
+        return [f"{none}.", f"{searched}."], f"{none}."
     ratio = f", {found.share / found.found:.2f} of the box in which none is found" if found.found else ""
-    said = f"Proved in {found.share:.3g} of the box around nominal{ratio}: {claim(config)}"
-    return [f"{said}{step}.", f"{searched}."], f"Not proved in the whole box, only in {found.share:.3g} of it{step}."
+    part = f"Proved in {found.share:.3g} of the box around nominal{ratio}: {claim(config)}"
+    return [f"{part}{step}.", f"{searched}."], f"Not proved in the whole box, only in {found.share:.3g} of it{step}."
 
 
 def _parts(boxes: int) -> str:
     return "the box as a whole" if boxes == 1 else f"{boxes} parts of the box"
 
 
-def _page(config: Config, found: Certified, said: list[str], drawn: bool) -> str:
+def _page(config: Config, found: Certified, lines: list[str], drawn: bool) -> str:
     rows = []
     middle = nominal(config)
     for name, (low, high) in found.box.items():
         if high > low:
             rows.append([name, low, middle[name], high])
-    parts = [f"# What is certain?\n\n**{said[0]}**", "\n".join(said[1:]), MEANS]
+    parts = [f"# What is certain?\n\n**{lines[0]}**", "\n".join(lines[1:]), MEANS]
     if drawn:
         parts.append(picture("map.png", CAPTION))
     if rows:
