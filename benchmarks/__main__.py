@@ -15,6 +15,7 @@ from typing import Any
 
 from . import (
     accuracy,
+    certify,
     days,
     drives,
     explore,
@@ -50,6 +51,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "drives": lambda turns: drives.measure(),
     "days": lambda turns: days.measure(),
     "wheels": lambda turns: wheels.measure(),
+    "certify": lambda turns: _alone(certify.measure),
 }
 DRIFTING = {"days": days.measure, "wheels": wheels.measure}
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")

@@ -27,6 +27,7 @@ SMALL = {  # enough to go all the way through
     "sweep": ["simulate.horizon=20", "sweep.dt=0.01", "sweep.samples=2", "sweep.radius=false"],
     "margins": ["simulate.horizon=8", "margins.vehicles=1", "margins.instants=2"],
     "speed": [*TUNE, "speed.points=2"],
+    "certify": ["simulate.horizon=5", "sweep.dt=0.01", "certify.halvings=0", "certify.boxes=1", *SEARCH],
     "identify": ['identify.fit=["deadzone"]', "identify.bootstrap=20", "identify.starts=1", "identify.drives=0"],
     "apply": ["apply.vehicles=59", "apply.starts=1", "apply.samples=4", *SEARCH, 'identify.fit=["deadzone"]'],
     "watch": ["watch.logs=99", 'identify.fit=["deadzone"]'],
@@ -142,7 +143,7 @@ def called(call):
         words += ["--out", f"runs/{words[0]}-{len(os.listdir('runs'))}"]
     process = start(words)
     _, err = process.communicate(timeout=HUNG)
-    short = words[0] in ("tune", "speed", "identify", "margins", "log", "apply", "watch")
+    short = words[0] in ("tune", "speed", "certify", "identify", "margins", "log", "apply", "watch")
     assert process.returncode == 0 or (process.returncode == 1 and short), err
     assert "Traceback" not in err, err
     if words[0] == "tune":

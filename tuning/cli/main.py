@@ -84,6 +84,15 @@ SWEEP = Command(
         flag("--resume", "only continue, never begin; the same command continues without it"),
     ),
 )
+CERTIFY = Command(
+    "prove a bound on the error for every scenario of a box; beside it, how far a search finds no violation",
+    (
+        option("--within", type=real, metavar="M", help="bound on the errors in x and y in m (default: 0.02)"),
+        option("--within-heading", type=real, metavar="RAD", help="bound on that of the heading (default: 0.2)"),
+        many("--over", "LEAF=LOW:HIGH", "a side of the box; *= for multiples of nominal (default: the tuning box)"),
+    ),
+    "--within 0.02 --within-heading 0.2",
+)
 SPEED = Command(
     "how fast a vehicle can follow its route, tuned at every speed, and what place limits it",
     (
@@ -163,6 +172,7 @@ COMMANDS = {
     "tune": TUNE,
     "sweep": SWEEP,
     "pareto": Command("tune for a series of limits: the Pareto front of error against command"),
+    "certify": CERTIFY,
     "speed": SPEED,
     "margins": Command(
         "gain, phase and delay margins of the loop along its run; Bode plot, limit cycles", example="--config base"

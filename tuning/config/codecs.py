@@ -83,8 +83,8 @@ def _named(one: Callable[[Toml, str], Setting], kinds: Sequence[str] = ()) -> Co
 
 
 def _axes() -> Codec:
-    """The axes of a sweep: a list of tables, in each the leaves that move as one."""
-    axis, rule = _named(span, KINDS), "a list of tables of leaves: [[sweep.over]]"
+    """The axes of a sweep or of a box: a list of tables, in each the leaves that move as one."""
+    axis, rule = _named(span, KINDS), "a list of tables of leaves, as [[sweep.over]]"
 
     def read(reader: Reader, key: str, default: Setting, table: list[Toml]) -> tuple[dict[str, Setting], ...]:
         if not all(isinstance(part, Mapping) and part for part in table):
@@ -231,6 +231,7 @@ CODECS = {
     "tune.limits": _judged(lambda x: Limit(mean=x, worst=x), usual_limits=True),
     "tune.options": Codec(lambda reader, key, default, table: dict(table)),
     "sweep.over": _axes(),
+    "certify.over": _axes(),
     "sweep.metrics": _names(),
     "sweep.controllers": _names(0),
     "sweep.fails": _judged(lambda x: Bound(value=x), blank="value"),

@@ -26,6 +26,7 @@ from .recipes import RECIPES
 from .settings import Bound, Config, Limit, Weights
 from .spellings import RANGES
 
+BELIEVED = tuple(f"controller.{what}.believed" for what in ("compensation", "prediction"))
 ANY_NAME = {  # tables that take any name of a kind, and what stands under it
     "imports": ("<file>", ()),
     "scenario.deadzone": ("<actuator>", (agvjax.Deadzone(),)),
@@ -35,12 +36,11 @@ ANY_NAME = {  # tables that take any name of a kind, and what stands under it
     "tune.goals": ("<metric>", (Weights(),)),
     "tune.limits": ("<metric>", (Limit(),)),
     "tune.options": ("<name>", ()),
-    "sweep.over": ("<leaf>", ()),
+    **dict.fromkeys(("sweep.over", "certify.over"), ("<leaf>", ())),
     "sweep.fails": ("<metric>", (Bound(),)),
     "identify.columns": ("<quantity>", (Column(""),)),
     "identify.topics": ("<role>", ()),
-    "controller.compensation.believed": ("<actuator>", (agvjax.Deadzone(),)),
-    "controller.prediction.believed": ("<actuator>", (agvjax.Deadzone(),)),
+    **dict.fromkeys(BELIEVED, ("<actuator>", (agvjax.Deadzone(),))),
 }
 DRAWS = {**RANGES, "one_of": OneOf, "distribution": Distribution}
 PAGES = {  # where docs speak of keys that begin so; the longest that fits
@@ -53,6 +53,7 @@ PAGES = {  # where docs speak of keys that begin so; the longest that fits
     **dict.fromkeys(("ensemble", "tune", "pareto"), "docs/tuning.md"),
     "speed": "docs/following.md",
     "margins": "docs/deadzone.md",
+    "certify": "docs/certify.md",
     "sweep": "docs/robustness.md",
     "identify": "docs/robot.md, docs/logs.md",
     **dict.fromkeys(("apply", "watch"), "docs/staged.md"),
@@ -218,7 +219,7 @@ def _any_name(key: str, name: str, holders: tuple[Any, ...]) -> Rows:
     if key == "ensemble.draws":
         text = "with a distribution: whether it is that of a factor on the nominal value"
         yield "", Described(f"{place}.times", "true or false", text=text)
-    if key == "sweep.over":
+    if key == "sweep.over":  # the points of a box are all
         text = "number of points of a grid axis; without it the axis is sampled"
         yield "", Described(f"{place}.points", "a whole number", _spelled("", Span(OneOf(()), 0).points), text=text)
 
@@ -232,12 +233,11 @@ OF_NAME = {
     "tune.goals": ("a number or a table", "weights of a metric in the goal; a number weights its mean"),
     "tune.limits": ("a number or a table", "limits on a metric; a number limits its mean and worst, inf is no limit"),
     "tune.options": ("a value", "a further argument of the optimiser"),
-    "sweep.over": ("a table, or a list of values", "the values of a leaf of the scenario or of the law along the axis"),
+    **dict.fromkeys(("sweep.over", "certify.over"), ("a table, or a list of values", "values of a leaf on the axis")),
     "sweep.fails": ("a number or a table", "bound of a metric above which a run has failed"),
     "identify.columns": ("a name or a table", "the column of a quantity of the log"),
     "identify.topics": ("the name of a topic", "the topic of a recording that serves as a role"),
-    "controller.compensation.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
-    "controller.prediction.believed": ('a table, or "none"', "the assumed deadzone of an actuator"),
+    **dict.fromkeys(BELIEVED, ('a table, or "none"', "the assumed deadzone of an actuator")),
 }
 
 

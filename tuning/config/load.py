@@ -21,7 +21,7 @@ from .settings import VERSION, Config
 from .spellings import KINDS, NAMED, Toml, flat
 
 SECTIONS = ("scenario", "scenario.start", "simulate", "criteria", "ensemble", "tune", "tune.search", "pareto", "speed")
-SECTIONS += ("margins", "sweep", "identify", "apply", "watch")
+SECTIONS += ("margins", "sweep", "certify", "identify", "apply", "watch")
 VEHICLES = ("unicycle", "car", "robot")
 SOURCES = {  # where the numbers of a path and of a disturbance come from: one of these
     "scenario.path": ("file", "points", "along"),

@@ -23,6 +23,7 @@ from .asked import default_limits as default_limits
 from .fields import COUNT, FACTOR, MANY, OPEN, RATE, ROUNDS, SCREENED, SOME, STARTS, USUAL, WHOLE, choice
 from .tools import Apply as Apply
 from .tools import Bound as Bound
+from .tools import Certify as Certify
 from .tools import Identify as Identify
 from .tools import Margins as Margins
 from .tools import Pareto as Pareto
@@ -190,6 +191,7 @@ class Config:
         speed: of `agvjax speed`: which speeds are tried.
         margins: of `agvjax margins`: where a loop is linearised.
         sweep: of `agvjax sweep`: the scenarios, and what counts as a failure.
+        certify: of `agvjax certify`: the bounds, and the box of scenarios that they are to hold in.
         identify: of `agvjax identify`: how a log is read and fitted.
         apply: of `agvjax apply`: when new gains may replace others.
         watch: of `agvjax watch`: when a log says that gains are no longer tuned.
@@ -209,6 +211,7 @@ class Config:
     speed: Speed = Speed()
     margins: Margins = Margins()
     sweep: Sweep = Sweep()
+    certify: Certify = Certify()
     identify: Identify = dataclasses.field(default_factory=Identify)
     apply: Apply = Apply()
     watch: Watch = Watch()

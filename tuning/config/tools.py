@@ -137,6 +137,27 @@ class Sweep:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Certify:
+    """What is to be proved of every scenario of a box: how small the errors are after the transient.
+
+    Attributes:
+        within: bound on the errors in x and y from `criteria.late` on.
+        within_heading: bound on the error of the heading from then on.
+        over: the sides of the box, as the axes of a sweep; none: the leaves of [ensemble.draws].
+        step: time step of the proof; a smaller one proves a little more.
+        boxes: most parts into which a box is split for a proof.
+        halvings: bisections between the largest box that is proved and the smallest that is not.
+    """
+
+    within: float = number(0.02, "m", POSITIVE)
+    within_heading: float = number(0.2, "rad", POSITIVE)
+    over: tuple[dict[str, Span], ...] = ()
+    step: float = number(1e-2, "s", POSITIVE)
+    boxes: int = number(16, "1", STARTS)
+    halvings: int = number(4, "1", ROUNDS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Identify:
     """How a log is read and fitted, and what a drive that is suggested may do.
 

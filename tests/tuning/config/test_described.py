@@ -57,7 +57,7 @@ def test_no_setting_is_without_words_of_its_own():
                 yield from sections(part)
 
     found = list(sections(Config()))
-    assert len(found) == 13
+    assert len(found) == 14
     for section in found:
         assert set(meanings(type(section))) == {field.name for field in dataclasses.fields(section)}
 

@@ -1,0 +1,206 @@
+"""The checker of certificates: its arithmetic against closed forms, its refusals, and that it stands alone."""
+
+import ast
+import copy
+import io
+import json
+import math
+import subprocess
+import sys
+import tokenize
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import agvjax
+from tuning.config import load
+from tuning.studies.certify import checker
+from tuning.studies.certify.problem import box, problem
+from tuning.studies.certify.prove import Prover, certificate
+from tuning.studies.paper.bounds import peak_gain
+
+SOURCE = Path(checker.__file__).read_text()
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef
+BETWEEN = tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER
+SHORT = [
+    "simulate.horizon=1.2",
+    "criteria.late=0.9",
+    "certify.within=0.2",
+    "certify.within_heading=0.4",
+    "certify.step=0.02",
+]
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A certificate of the paper's loop over a small box, in two parts."""
+    config = load([], [*SHORT, "certify.boxes=2"])
+    prover = Prover(config, {"deadzone.heading.threshold_right": 1.0})
+    ends = box(config, 0.05)
+    halves = checker.Box(ends).halves("start.heading", 0.1)
+    below, above = (prover.tree(half.intervals) for half in halves)
+    tree = {"split": "start.heading", "at": 0.1, "below": below, "above": above}
+    return certificate(prover.claim, prover.problem.numbers, ends, tree)
+
+
+def refused(wrong):
+    """Whether the checker refuses it, as a stranger would call it."""
+    try:
+        checker.check(wrong)
+    except (checker.Refused, *checker.NONSENSE):
+        return True
+    return False
+
+
+def signed(wrong):
+    """With the digest that belongs to its numbers."""
+    try:
+        return wrong | {"digest": checker.digest(wrong)}
+    except ValueError:  # no number
+        return wrong
+
+
+def test_a_certificate_is_accepted_and_says_in_how_many_parts(made):
+    assert checker.check(json.loads(json.dumps(made))) == 2
+
+
+def places(node, path=()):
+    """The paths of all numbers of a certificate."""
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, value in items:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+def moved(certificate, path, change):
+    """A copy with one number changed."""
+    wrong = copy.deepcopy(certificate)
+    *parents, last = path
+    holder = wrong
+    for key in parents:
+        holder = holder[key]
+    holder[last] = change(holder[last])
+    return wrong
+
+
+def test_a_hundred_and_fifty_certificates_with_one_number_changed_are_refused(made):
+    rng, paths = np.random.default_rng(0), list(places(made))
+    assert len(paths) > 60
+    changes = [lambda x: x * 1.001 + 1e-9, lambda x: -x - 1, lambda x: math.nextafter(x, 1e9), lambda x: math.nan]
+    for _ in range(150):
+        path, change = paths[rng.integers(len(paths))], changes[rng.integers(len(changes))]
+        assert refused(moved(made, path, change)), path
+
+
+def stronger(made):
+    """Certificates whose digest belongs to them and that claim more, or prove less, than the one they are made of."""
+    for i, name in enumerate(checker.CHANNELS):
+        yield f"claim {name}", moved(made, ("claim", name), lambda x, i=i: 0.9 * made["tree"]["below"]["bounds"][i])
+        for half in ("below", "above"):
+            yield f"{half} {name}", moved(made, ("tree", half, "bounds", i), lambda x: 0.999 * x)
+            yield f"{half} {name} up", moved(made, ("tree", half, "bounds", i), lambda x: 1.001 * x)
+    for leaf, (low, high) in made["box"].items():
+        if high > low:
+            yield f"{leaf} up", moved(made, ("box", leaf, 1), lambda x, w=high - low: x + w)
+            yield f"{leaf} down", moved(made, ("box", leaf, 0), lambda x, w=high - low: x - w)
+    for gain, factor in (("k1", 0.5), ("k2", 0.7), ("k3", 0.7), ("Lam", 8.0), ("Lam_psi", 4.0), ("omega_n", 0.5)):
+        yield gain, moved(made, ("problem", "gains", gain), lambda x, f=factor: f * x)
+    for what, path in (("late", ("late",)), ("path", ("path", "omega")), ("wave", ("disturbance", "phase"))):
+        yield what, moved(made, ("problem", *path), lambda x: 0.8 * x + 0.1)
+    yield "split", moved(made, ("tree", "at"), lambda x: x + 1.0)
+    one = copy.deepcopy(made)
+    one["tree"] = one["tree"]["below"]
+    yield "half of the box", one
+
+
+def test_fifty_stronger_claims_with_a_digest_of_their_own_are_refused(made):
+    wrong = list(stronger(made))
+    assert len(wrong) >= 50
+    accepted = [what for what, certificate in wrong if not refused(signed(certificate))]
+    assert not accepted
+
+
+def test_the_integral_of_the_impulse_response_is_the_closed_form_and_never_below_it():
+    """Of (Z3, beta2) at slope 1 it is that of s / (s^2 + k3 s + Lam_psi), known in closed form."""
+    gains = {"k1": 20.0, "k2": 20.0, "k3": 12.0, "Lam": 16.0, "Lam_psi": 9.0, "omega_n": 90.0, "zeta": 0.75}
+    numbers = {"law": "neuro_backstepping", "step": 0.01, "cells": 2500}
+    numbers["gains"] = gains | {"Pi_hat": 1.0, "Pi_psi_hat": 1.0, "literal": 0.0}
+    _, heading, _ = checker.loops(numbers, (1.0, 1.0))
+    total, exact = heading.kernel_W[heading.names.index("Z")].sum(), peak_gain(12.0, 9.0)
+    assert exact <= total <= 1.01 * exact
+
+
+def test_powers_of_an_exponential_are_those_of_a_rotation():
+    E, integral = checker.powers([[0, 3], [-3, 0]], 0.01, 700)
+    angle = 0.03 * np.arange(701)
+    np.testing.assert_allclose(E[:, 0, 0], np.cos(angle), atol=1e-13)
+    np.testing.assert_allclose(E[:, 0, 1], np.sin(angle), atol=1e-13)
+    np.testing.assert_allclose(integral[0], [math.sin(0.03) / 3, (1 - math.cos(0.03)) / 3], atol=1e-16)
+
+
+@pytest.mark.parametrize("x", [0.0, 0.1, 1.57, 3.2, 12.6])
+def test_sine_and_cosine_by_integers_are_those_of_the_library(x):
+    np.testing.assert_allclose(checker.sine_cosine(checker.Fraction(x)), (math.sin(x), math.cos(x)), atol=1e-15)
+
+
+def test_forms_enclose_what_a_deadzone_delivers():
+    """By the deadzone of the simulator, at random values of the unknowns and commands near its kinks."""
+    rng, ends = np.random.default_rng(1), {leaf: (0.1, 0.1) for leaf in checker.LEAVES}
+    sides = {"slope_right": (0.4, 0.8), "slope_left": (0.5, 1.1), "threshold_right": (0.3, 0.6)}
+    ends |= {f"deadzone.position.{name}": pair for name, pair in (sides | {"threshold_left": (0.2, 0.5)}).items()}
+    part, cells = checker.Box(ends), 200
+    u = checker.form(rng.uniform(-1.5, 1.5, cells), rng.uniform(0, 0.3, cells))
+    u[1 : checker.S + 1] = rng.uniform(-0.1, 0.1, (checker.S, cells))
+    gives = checker.delivered(u, part, "position")
+    whole = part.beyond("position", u[0] - checker.spread(u), u[0] + checker.spread(u), 0.7)
+    for _ in range(200):
+        e, own = rng.uniform(-1, 1, checker.S), rng.uniform(-1, 1, cells)
+        command = u[0] + e @ u[1 : checker.S + 1] + own * u[-1]
+        numbers = {
+            n: (lo + hi) / 2 + x * (hi - lo) / 2 for (n, (lo, hi)), x in zip(part.intervals.items(), e, strict=True)
+        }
+        names = {name: numbers[f"deadzone.position.{name}"] for name in checker.SLOPES}
+        exact = np.asarray(agvjax.Deadzone(**names)(command))
+        centre = gives[0] + e @ gives[1 : checker.S + 1]
+        assert np.all(np.abs(exact - centre) <= gives[-1] + np.abs(gives[-2]))
+        assert np.all(np.abs(exact - 0.7 * command - whole[0]) <= whole[-1])
+
+
+def test_the_network_is_never_more_active_than_its_bound():
+    net = agvjax.NeuroBackstepping().position_network
+    bound = checker.energy(np.asarray(net.centers, float).tolist(), float(net.width), 2)
+    seen = [float(net.energy(np.asarray(v))) for v in np.random.default_rng(2).uniform(-4, 4, (300, 2))]
+    assert max(max(seen), float(net.energy(np.zeros(2)))) <= bound <= 1.01
+
+
+def code_lines(source):
+    """Lines of a program, comments and docstrings aside."""
+    words = [t for t in tokenize.generate_tokens(io.StringIO(source).readline) if t.type not in BETWEEN]
+    told = [n.body[0] for n in ast.walk(ast.parse(source)) if isinstance(n, DOCUMENTED) and ast.get_docstring(n)]
+    prose = {line for text in told for line in range(text.lineno, text.end_lineno + 1)}
+    return len({line for t in words for line in range(t.start[0], t.end[0] + 1)} - prose)
+
+
+def test_the_checker_stands_alone(made, tmp_path):
+    """Python without this package, and what NumPy needs: it imports nothing else."""
+    tree = ast.parse(SOURCE)
+    names = {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
+    names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert names - set(sys.stdlib_module_names) == {"numpy"}
+    assert code_lines(SOURCE) < 500
+    (tmp_path / "certificate.json").write_text(json.dumps(made))
+    (tmp_path / "checker.py").write_text(SOURCE)
+    run = [sys.executable, "checker.py", "certificate.json"]
+    said = subprocess.run(run, cwd=tmp_path, env={}, capture_output=True, text=True)
+    assert said.returncode == 0 and said.stdout.startswith("proved, in 2 boxes: |x| <= 0.2 m"), said
+    (tmp_path / "certificate.json").write_text("[1, 2]")
+    said = subprocess.run(run, cwd=tmp_path, env={}, capture_output=True, text=True)
+    assert said.returncode == 1 and said.stdout.startswith("refused:") and not said.stderr
+
+
+def test_problems_of_configurations_hold_their_numbers():
+    config = load([], ['controller="osfc"', "controller.kp=4.0"])
+    numbers = problem(config)
+    assert numbers["law"] == "osfc" and numbers["gains"]["kp"] == 4.0 and "networks" not in numbers

@@ -1,0 +1,127 @@
+"""What a search finds: the largest share of the box in which gradient ascent meets no violation of the bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import agvjax
+from agvjax.geometry import wrap
+from agvjax.paths.heading import reference
+from agvjax.protocols import Law
+
+from ...config.settings import Config
+from ...ensemble.draws import Between
+from ...ensemble.worst import Adversary
+from .problem import box, nominal
+
+BLOCK, CLOSE, MOST = 64, 0.01, 4.0  # scenarios together; the bisection's end; boxes beyond the one asked about
+STARTS = "start.position[0]", "start.position[1]", "start.velocity[0]", "start.velocity[1]"
+
+
+def scenarios(scenario: agvjax.Scenario, values: dict[str, Array]) -> dict[str, Array]:
+    """Leaves of scenarios from the unknowns of a certificate, each (B,): elements of a start are put together."""
+    leaves = {name: value for name, value in values.items() if name not in STARTS}
+    for leaf in ("start.position", "start.velocity"):
+        leaves[leaf] = jnp.stack([values[f"{leaf}[0]"], values[f"{leaf}[1]"]], axis=1)
+    return leaves
+
+
+def late_errors(
+    law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: object
+) -> tuple[Float[Array, "3 B"], Float[Array, " B"]]:
+    """Largest errors in x, y [m] and heading [rad] from `late` on, and whether each run has gone well."""
+    batch = agvjax.batch(scenario, leaves)
+
+    def one(moved: agvjax.Scenario) -> tuple[Array, Array]:
+        run = agvjax.simulate(law, moved, **timing)
+        asked = jax.vmap(lambda t: reference(moved.path, moved.heading, t))(run.t)
+        turn = wrap(run.heading - asked.heading)
+        errors = jnp.abs(jnp.concatenate([run.position - asked.position, turn[:, None]], axis=1))
+        counts = (run.t >= late - 1e-9).astype(errors.dtype)
+        return jnp.max(errors * counts[:, None], axis=0), run.ok
+
+    worst, ok = jax.vmap(one, in_axes=(batch.axes,))(batch.scenario)
+    return worst.T, ok
+
+
+class Seeker(NamedTuple):
+    """The adversary of `agvjax sweep`, for the bounds of a certificate."""
+
+    adversary: Adversary
+    law: Law
+    names: tuple[str, ...]  # of the sides that have a length
+    ends: np.ndarray  # (sides, 3): low, nominal, high
+
+    @classmethod
+    def of(cls, config: Config) -> Seeker:
+        """Of a configuration."""
+        whole, middle = box(config), nominal(config)
+        names = tuple(name for name, (low, high) in whole.items() if high > low)
+        ends = np.array([[whole[name][0], middle[name], whole[name][1]] for name in names]).reshape(-1, 3)
+        labels = [f"side{i}" for i in range(len(names))]
+        limits = jnp.asarray([config.certify.within, config.certify.within, config.certify.within_heading])
+
+        def rollout(z: tuple[Law, Array], moves: dict[str, Array]) -> tuple[Array, Array]:
+            law, share = z
+            given = jnp.stack([moves[label] for label in labels])
+            low, centre, high = (jnp.asarray(x, given.dtype)[:, None] for x in ends.T)
+            given = given * share
+            moved = centre + jnp.maximum(given, 0) * (high - centre) + jnp.minimum(given, 0) * (centre - low)
+            moved = jnp.where(low >= 0, jnp.maximum(moved, 1e-3 * centre), moved)  # slopes and thresholds end at 0
+            values = {name: jnp.full(given.shape[1:], value, given.dtype) for name, value in middle.items()}
+            values |= dict(zip(names, moved, strict=True))
+            leaves = scenarios(config.scenario, values)
+            worst, ok = late_errors(law, config.scenario, leaves, config.criteria.late, **config.timing("sweep"))
+            return jnp.max(worst / limits.astype(worst.dtype)[:, None], axis=0)[None], ok
+
+        adversary = Adversary(
+            rollout=rollout,
+            names=("error",),
+            scenario=dict.fromkeys(labels, 0.0),
+            draws=dict.fromkeys(labels, Between(-1.0, 1.0)),
+            metrics=("error",),
+            settings=dataclasses.replace(config.tune.search, checks=0, scouts=min(config.tune.search.scouts, 128)),
+            seed=config.seed,
+        )
+        return cls(adversary, agvjax.check(config.controller), names, ends)
+
+    def worst(self, share: float, round_: int = 0) -> tuple[float, dict[str, np.ndarray]]:
+        """The largest error over its bound that is found in a share of the box, and where."""
+        found = self.adversary.search((self.law, jnp.asarray(share, jnp.result_type(float))), round_)[0]
+        return found.value, found.scenario
+
+    def share(self) -> float:
+        """The largest share of the box in which nothing is found, up to `MOST`; by bisection."""
+        if not self.names:
+            return MOST
+        low, high, round_ = 0.0, MOST, 0
+        for share in (1.0, 2.0, MOST):
+            value, _ = self.worst(share, round_)
+            round_ += 1
+            if not value <= 1:
+                high = share
+                break
+            low = share
+        while low < high and high - low > CLOSE * high:
+            middle = (low + high) / 2
+            value, _ = self.worst(middle, round_)
+            round_ += 1
+            low, high = (middle, high) if value <= 1 else (low, middle)
+        return low
+
+    def steepest(self, share: float) -> dict[str, float]:
+        """The gradient of the worst error at the worst scenario that is found, over the whole of every side."""
+        if not self.names:
+            return {}
+        _, where = self.worst(share)
+        z = (self.law, jnp.asarray(share, jnp.result_type(float)))
+        shares = jnp.asarray(self.adversary.box.shares({name: x[None] for name, x in where.items()}))
+        _, _, slopes = self.adversary.climb(z, shares)
+        order = [self.names[int(label.removeprefix("side"))] for label in self.adversary.box.names]
+        return dict(zip(order, np.asarray(slopes)[:, 0, 0].tolist(), strict=True))
