@@ -85,9 +85,21 @@ def expression(operation: Operation, language: Language) -> str:
         return language.choose(x[0], x[2], x[1])
     if name in ("and", "or") and operation.flag:
         return f"{x[0]} {language.both if name == 'and' else language.either} {x[1]}"
+    if name in ("max", "min"):
+        return _extreme(operation, x, language)
     if name in SPECIAL:
         return SPECIAL[name](x, operation.params, language)
     raise ValueError(f"the law uses {name}, for which no code can be written yet")
+
+
+def _extreme(operation: Operation, x: list[str], language: Language) -> str:
+    """Of two the larger, or the smaller; NaN goes on. A constant is none: nothing is asked that is always answered no."""
+    beyond, at_least = (">", ">=") if operation.primitive == "max" else ("<", "<=")
+    if isinstance(operation.inputs[1], float):
+        return language.choose(f"{x[1]} {beyond} {x[0]}", x[1], x[0])
+    if isinstance(operation.inputs[0], float):
+        return language.choose(f"{x[0]} {at_least} {x[1]}", x[0], x[1])
+    return language.choose(f"({x[0]} {at_least} {x[1]}) {language.either} ({x[0]} != {x[0]})", x[0], x[1])
 
 
 def _power(x: str, y: int, language: Language) -> str:
@@ -114,9 +126,7 @@ SPECIAL: dict[str, Callable[[list[str], Json, Language], str]] = {
     "logistic": lambda x, p, o: f"{o.number(1.0)} / ({o.number(1.0)} + {o.call('exp')}(-{x[0]}))",
     "not": lambda x, p, o: o.negate(x[0]),
     "xor": lambda x, p, o: f"{x[0]} != {x[1]}",
-    "is_finite": lambda x, p, o: f"{x[0]} - {x[0]} == {o.number(0.0)}",
-    "max": lambda x, p, o: o.choose(f"{x[0]} >= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),  # NaN goes on
-    "min": lambda x, p, o: o.choose(f"{x[0]} <= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),
+    "is_finite": lambda x, p, o: f"({x[0]} - {x[0]}) == {o.number(0.0)}",
     "clamp": lambda x, p, o: o.choose(f"{x[1]} < {x[0]}", x[0], f"({o.choose(f'{x[1]} > {x[2]}', x[2], x[1])})"),
     "convert_element_type": lambda x, p, o: o.choose(x[0], o.number(1.0), o.number(0.0)),
     "agvjax_uniform": lambda x, p, o: f"{o.call('uniform')}({x[0]}, {x[1]})",  # a function of the exported code

@@ -177,6 +177,8 @@ class Writer:
             return [self._least(equation, inputs)]
         if _is_choice(equation):
             return [inputs[name == "clamp"]]
+        if (known := _known(name, inputs)) is not None:
+            return [known]
         return [self._operation(equation, name, inputs)]
 
     def _name(self) -> str:
@@ -228,6 +230,19 @@ class Writer:
         inner = Writer(self)
         results = inner._run(jaxpr, consts, inputs)
         return Block(kept(inner.written, results), tuple(results))
+
+
+def _known(name: str, inputs: Sequence[Operand]) -> Operand | None:
+    """What comes of it where a constant truth value decides, so that no branch is written that is never taken."""
+    first, rest = inputs[0] if inputs else None, inputs[1:]
+    if name == "select_n" and isinstance(first, bool) and len(rest) == 2:
+        return rest[first]
+    if name == "not" and isinstance(first, bool):
+        return not first
+    if name in ("and", "or") and (fixed := [x for x in inputs if isinstance(x, bool)]):
+        decides = name == "or"  # True of `or`, False of `and`
+        return decides if decides in fixed else next((x for x in inputs if not isinstance(x, bool)), not decides)
+    return None
 
 
 def _is_choice(equation: core.JaxprEqn) -> bool:
