@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..io.files import Json
-from .operations import Block, Choice, Least, Operand, Operation, Statement
+from .operations import LOOKUP, Block, Choice, Least, Operand, Operation, Statement
 
 INFIX = {"add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/"}
 INFIX |= {"gt": ">", "lt": "<", "ge": ">=", "le": "<=", "eq": "==", "ne": "!="}
@@ -73,7 +73,7 @@ def expression(operation: Operation, language: Language) -> str:
         ValueError: a primitive that no law has used so far; the message names it.
     """
     name, x = operation.primitive, [text(operand, language) for operand in operation.inputs]
-    if name == "agvjax_lookup":
+    if name == LOOKUP:
         return language.lookup(operation.params["table"], operation.params["row"], x[0])
     if name in INFIX:
         return f"{x[0]} {INFIX[name]} {x[1]}"
@@ -93,11 +93,11 @@ def expression(operation: Operation, language: Language) -> str:
 
 
 def _extreme(operation: Operation, x: list[str], language: Language) -> str:
-    """Of two the larger, or the smaller; NaN goes on. A constant is none: nothing is asked that is always answered no."""
+    """Of two the larger, or the smaller; NaN goes on. Of a number that never is none nothing is asked."""
     beyond, at_least = (">", ">=") if operation.primitive == "max" else ("<", "<=")
-    if isinstance(operation.inputs[1], float):
+    if operation.params.get("sure") == 1:
         return language.choose(f"{x[1]} {beyond} {x[0]}", x[1], x[0])
-    if isinstance(operation.inputs[0], float):
+    if operation.params.get("sure") == 0:
         return language.choose(f"{x[0]} {at_least} {x[1]}", x[0], x[1])
     return language.choose(f"({x[0]} {at_least} {x[1]}) {language.either} ({x[0]} != {x[0]})", x[0], x[1])
 
