@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from agvjax import InputError
 from agvjax.engine.loop import farthest
 
-from . import c_language, c_route, guard, names, program
+from . import c_route, guard, names, program
 from .artefact import Artefact, filled, plain
 from .c_language import EMPTY, assigned, commented, computed, double, struct
 from .expressions import FUNCTIONS

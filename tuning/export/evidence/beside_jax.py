@@ -7,7 +7,7 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import STRICT, Subject, compiled, ran
-from .rows import ON, Wanted
+from .rows import FIRST, ON, Wanted
 
 TOLERANCE = 1e-9  # of the largest number of a row or 1, of rows of numbers that a robot can have
 USUAL = 1e4  # in size: what numbers a robot can have
@@ -36,7 +36,7 @@ def compared(made: np.ndarray, wanted: Wanted, rows: np.ndarray) -> tuple[str, J
     """
     count = wanted.numbers.shape[1]
     got, flags = made[:, :count], made[:, count:]
-    size = np.abs(np.nan_to_num(rows[:, 2:], nan=0.0, posinf=0.0, neginf=0.0)).max(axis=1)
+    size = np.abs(np.nan_to_num(rows[:, len(FIRST) :], nan=0.0, posinf=0.0, neginf=0.0)).max(axis=1)
     finite = np.isfinite(wanted.numbers)
     largest = np.where(finite, np.abs(wanted.numbers), 1.0).max(axis=1, initial=1.0)
     usual = (size < USUAL) & (largest < USUAL)
@@ -49,7 +49,8 @@ def compared(made: np.ndarray, wanted: Wanted, rows: np.ndarray) -> tuple[str, J
     for column, what in enumerate(("limited", "status")):
         differs = flags[:, column] != wanted.flags[:, column]
         found += [
-            f"row {i}: {what} is {flags[i, column]:g}, of JAX {wanted.flags[i, column]:g}" for i in np.flatnonzero(differs)
+            f"row {i}: {what} is {flags[i, column]:g}, of JAX {wanted.flags[i, column]:g}"
+            for i in np.flatnonzero(differs)
         ]
     worst = float(away[usual].max(initial=0.0))
     driven = int((rows[:, 0] == ON).sum())

@@ -12,7 +12,7 @@ COMMON = (
     " -Wpointer-arith -Wwrite-strings -Wswitch-default -Wredundant-decls -Wvla -Wformat=2"
 ).split()
 OWN = {  # -Wfloat-equal is left out: x != x is how C99 without macros asks for NaN
-    "gcc": "-Wlogical-op -Wduplicated-cond -Wduplicated-branches -Wjump-misses-init -Wunsafe-loop-optimizations".split(),
+    "gcc": "-Wlogical-op -Wduplicated-cond -Wduplicated-branches -Wjump-misses-init".split(),
     "clang": "-Wunreachable-code -Wconditional-uninitialized -Wassign-enum -Wcomma -Wimplicit-fallthrough".split(),
 }
 STANDARDS = ("c99", "c11")

@@ -9,6 +9,7 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import FILES, STRICT, Subject, compiled, ran
+from .rows import FIRST
 from .stack import CORTEX
 
 COMPILER, BOARD = "arm-none-eabi-gcc", "mps2-an386"
@@ -50,7 +51,9 @@ def _by(place: Bench, subject: Subject, rows: np.ndarray, bits: int, target: boo
     if wrong := compiled(place, subject, [COMPILER, *flags, *single], "target.elf"):
         return None, wrong[0]
     machine = ["qemu-system-arm", "-M", BOARD, "-nographic", "-monitor", "none", "-serial", "none"]
-    return ran(place, subject, rows, *machine, "-semihosting-config", "enable=on,target=native", "-kernel", "target.elf")
+    return ran(
+        place, subject, rows, *machine, "-semihosting-config", "enable=on,target=native", "-kernel", "target.elf"
+    )
 
 
 def _compared(target: np.ndarray | None, host: np.ndarray | None, rows: np.ndarray) -> Json:
@@ -58,7 +61,7 @@ def _compared(target: np.ndarray | None, host: np.ndarray | None, rows: np.ndarr
     got, wanted = target[:, :-2], host[:, :-2]
     finite = np.isfinite(wanted)
     largest = np.where(finite, np.abs(wanted), 1.0).max(axis=1, initial=1.0)
-    size = np.abs(np.nan_to_num(rows[:, 2:], posinf=0.0, neginf=0.0)).max(axis=1)
+    size = np.abs(np.nan_to_num(rows[:, len(FIRST) :], posinf=0.0, neginf=0.0)).max(axis=1)
     usual = (size < USUAL) & (largest < USUAL)
     with np.errstate(all="ignore"):
         away = np.nan_to_num(np.where(finite, np.abs(got - wanted), 0.0), nan=np.inf).max(axis=1, initial=0.0) / largest

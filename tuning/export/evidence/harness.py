@@ -51,6 +51,7 @@ def files(subject: Subject) -> dict[str, str]:
     state = count["state"] > 0
     parts = {
         "NAME": name,
+        "UPPER": subject.upper,
         "REF_TITLE": "" if laid else ", reference",
         "ROW": str(len(layout.names)),
         "MADE": str(len(layout.results) + 2),
@@ -59,7 +60,9 @@ def files(subject: Subject) -> dict[str, str]:
         "GAINS": str(count["gains"]),
         "MEASUREMENT": str(count["measurement"]),
         "TAKE_STATE": f"        at = take(({name}_real *)(void *)&state, {count['state']}, at);" if state else "",
-        "TAKE_GIVEN": "" if laid else f"        at = take(({name}_real *)(void *)&reference, {count['reference']}, at);",
+        "TAKE_GIVEN": ""
+        if laid
+        else f"        at = take(({name}_real *)(void *)&reference, {count['reference']}, at);",
         "PASSED": "routes[(int)row[1]]" if laid else "&reference",
         "PUT_STATE": _put_state(name, count["state"]) if state else "        i = 0;",
         "PUT_INPUTS": "\n".join(f"        made[k++] = (double){place};" for place in inputs),
@@ -72,7 +75,8 @@ def files(subject: Subject) -> dict[str, str]:
 
 
 def _put_state(name: str, count: int) -> str:
-    return f"        for (i = 0; i < {count}; i++) {{\n            made[k++] = (double)(({name}_real *)(void *)&state)[i];\n        }}"
+    number = f"(({name}_real *)(void *)&state)[i]"
+    return f"        for (i = 0; i < {count}; i++) {{\n            made[k++] = (double){number};\n        }}"
 
 
 def _declared(name: str, count: int) -> str:

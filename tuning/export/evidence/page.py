@@ -64,7 +64,9 @@ def _rules(check: Check) -> str:
     for rule in check.figures["each"]:
         seen = {True: "yes", False: "no", None: "not known"}[rule["checked"]]
         lines.append((rule["rule"], rule["category"], seen, rule["violations"], plain(rule["justified"])))
-    said = "Numbers and categories of MISRA C:2012; the texts of the rules are the publisher's. Deviations that are known:"
+    said = (
+        "Numbers and categories of MISRA C:2012; the texts of the rules are the publisher's. Deviations that are known:"
+    )
     known = [f"* {rule} ({category(rule)}): {why}" for rule, why in DEVIATIONS.items()]
     table = grid(["rule", "category", "checked by the addon", "violations", "why they stay"], lines)
     return "\n\n".join([said, "\n".join(known), table])

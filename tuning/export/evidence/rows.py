@@ -16,13 +16,14 @@ from .. import guard, program, tables, vectors
 from ..artefact import Artefact
 from ..program import Program
 
+FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whether with the tuned gains of the file
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
 FAR = 9000.0  # m, where a float no longer tells 1 mm
 
 
 class Layout(NamedTuple):
-    """The columns of a row after what to do and which route."""
+    """The columns of a row."""
 
     columns: dict[str, list[str]]  # by group the variables
     results: list[str]  # of a step, then whether limited, the status
@@ -39,11 +40,11 @@ class Layout(NamedTuple):
     @property
     def names(self) -> list[str]:
         """All columns."""
-        return ["todo", "route", *(name for group in GROUPS for name in self.columns[group])]
+        return [*FIRST, *(name for group in GROUPS for name in self.columns[group])]
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """A row, or rows, by group."""
-        cuts = np.cumsum([2, *(len(self.columns[group]) for group in GROUPS)])
+        cuts = np.cumsum([len(FIRST), *(len(self.columns[group]) for group in GROUPS)])
         return {group: row[..., a:b] for group, a, b in zip(GROUPS, cuts[:-1], cuts[1:], strict=True)}
 
 
@@ -57,7 +58,7 @@ def routes(artefact: Artefact) -> list[Route]:
         return []
     points = np.array([[0, 0, 1], [20, 0, 1], [30, 4, 1], [40, 12, -1], [32, 7, -1], [20, 6, -1]], float)
     legs = Route.through(points, limits=SpeedLimits(acceleration=0.4, deceleration=0.3))
-    closed = Route.corners([[1, 0], [2, 0], [2, 2], [0, 2], [0, 0]], 0.5, radius=0.3, closed=True)
+    closed = Route.corners(np.array([[1, 0], [2, 0], [2, 2], [0, 2], [0, 0]], float), 0.5, radius=0.3, closed=True)
     table, squares, each = (np.array(x, float) for x in (legs.table, legs.squares, legs.legs))
     third = squares.shape[1] // 3
     squares[:, :third], table[1:6, third : 2 * third], each[3, -1] = -1.0, 0.0, 0.0
@@ -71,7 +72,7 @@ def usual(artefact: Artefact, step: Program, layout: Layout) -> np.ndarray:
     header, rows = vectors.table(artefact, step)
     gains = dict(zip(layout.columns["gains"], flat(artefact.controller), strict=True))
     known = dict(zip(header, rows.T, strict=True))
-    told = {"todo": STEP, "route": 0.0} | gains
+    told = {"todo": STEP, "route": 0.0, "tuned": 1.0} | gains
     return np.stack([np.broadcast_to(known.get(n, told.get(n)), len(rows)) for n in layout.names], axis=1)
 
 
@@ -90,7 +91,7 @@ def drive(usual: np.ndarray) -> np.ndarray:
 
 def broken(layout: Layout, usual: np.ndarray) -> np.ndarray:
     """Each number of state, measurement and reference in turn NaN, then infinite; the starts with such ones."""
-    first = 2 + len(layout.columns["gains"])
+    first = len(FIRST) + len(layout.columns["gains"])
     seen = first + len(layout.columns["state"])
     rows = [
         _with(usual[i % vectors.DRIVEN], i, x) for i in range(first, usual.shape[1]) for x in (np.nan, np.inf, -np.inf)
@@ -100,7 +101,7 @@ def broken(layout: Layout, usual: np.ndarray) -> np.ndarray:
 
 
 def far(layout: Layout, usual: np.ndarray) -> np.ndarray:
-    """Positions, of vehicle and reference alike, that single precision does not tell to 1 mm: each side of each axis."""
+    """Positions, of vehicle and reference alike, that single precision does not tell to 1 mm, on each side."""
     rows = []
     for axis in (0, 1):
         for place in (FAR, -FAR):

@@ -1,4 +1,4 @@
-"""Rows of numbers for each side of each decision: found by trying at random and by getting nearer to what is missing."""
+"""Rows of numbers for each side of each decision: found at random, and by getting nearer to what is missing."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ class _Search:
                     new |= self._take(key, rows, site.reached, site.holds == way, site.margin)
         return new
 
-    def _take(self, key: tuple[str, bool], rows: np.ndarray, reached: np.ndarray, right: np.ndarray, m: np.ndarray) -> bool:
+    def _take(
+        self, key: tuple[str, bool], rows: np.ndarray, reached: np.ndarray, right: np.ndarray, m: np.ndarray
+    ) -> bool:
         away = np.abs(np.where(np.isfinite(m), m, 0.0 if key in self.near else np.inf))
         if (hits := np.flatnonzero(reached & right)).size:
             self.found[key] = rows[hits[np.argmax(np.minimum(away[hits], CLEAR))]].copy()
@@ -74,7 +76,11 @@ class _Search:
 
     def _change(self, row: np.ndarray) -> None:
         rng = self.rng
-        chosen = self.used if rng.random() < 0.15 else rng.choice(self.used, size=min(1 + rng.geometric(0.5), len(self.used)))
+        chosen = (
+            self.used
+            if rng.random() < 0.15
+            else rng.choice(self.used, size=min(1 + rng.geometric(0.5), len(self.used)))
+        )
         for i in chosen:
             kind = rng.random()
             if kind < 0.35:
@@ -91,7 +97,14 @@ class _Search:
                 row[i] = row[rng.choice(self.used)]
 
 
-def search(program: Program, layout: Layout, seeds: np.ndarray, laid: Sequence[route_tables.Route], dtype: type[np.floating], start: bool) -> Found:
+def search(
+    program: Program,
+    layout: Layout,
+    seeds: np.ndarray,
+    laid: Sequence[route_tables.Route],
+    dtype: type[np.floating],
+    start: bool,
+) -> Found:
     """Rows for both sides of every decision of a step, or of a start.
 
     Args:
@@ -117,7 +130,7 @@ def search(program: Program, layout: Layout, seeds: np.ndarray, laid: Sequence[r
             if len(found.found) == len(found.goals) or idle > IDLE:
                 break
     rows = np.unique(np.array(list(found.found.values())), axis=0) if found.found else seeds[:1].copy()
-    rows[:, 0] = START if start else STEP
+    rows[:, 0], rows[:, 2] = START if start else STEP, 0.0
     missing = tuple(f"{name}: never {str(way).lower()}" for name, way in found.goals if (name, way) not in found.found)
     return Found(rows, missing, len(found.goals))
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...config import complete
+from ...config.complete import complete
+from ...config.settings import Limit, Weights
 from ..artefact import plain
 from .check import Check
 from .harness import Subject
@@ -80,7 +81,7 @@ def _tuned(subject: Subject) -> list[tuple[str, str]]:
     return [(plain(requirement), plain(asked)) for requirement, asked in rows]
 
 
-def _parts(statistics: object) -> str:
+def _parts(statistics: Weights | Limit) -> str:
     """Of weights or of a limit those that are set."""
-    values = dataclasses.asdict(statistics).items()  # type: ignore[call-overload]
+    values = dataclasses.asdict(statistics).items()
     return ", ".join(f"{name} {x:g}" for name, x in values if isinstance(x, float) and np.isfinite(x) and x != 0.0)

@@ -61,15 +61,15 @@ def vectors(subject: Subject) -> dict[int, np.ndarray]:
     broken, start = rows.broken(layout, usual), program.start(artefact.controller)
     seeds, laid, found = np.concatenate([usual, broken]), rows.routes(artefact), {}
     for bits, dtype in BITS.items():
-        parts: list[Found] = [
-            search(one, layout, seeds, laid, dtype, one is start) for one in (step, start)
-        ]
+        parts: list[Found] = [search(one, layout, seeds, laid, dtype, one is start) for one in (step, start)]
         more = [part.rows for part in parts]
         found[bits] = np.concatenate([rows.drive(usual), usual, broken, rows.far(layout, usual), *more])
     return found
 
 
-def run(subject: Subject, by_bits: Mapping[int, np.ndarray], wanted: Wanted, note: Callable[[str], None]) -> list[Check]:
+def run(
+    subject: Subject, by_bits: Mapping[int, np.ndarray], wanted: Wanted, note: Callable[[str], None]
+) -> list[Check]:
     """The checks, one after the other."""
     with tempfile.TemporaryDirectory(prefix="evidence") as folder:
         bench = Bench(Path(folder), [])
@@ -81,9 +81,7 @@ def run(subject: Subject, by_bits: Mapping[int, np.ndarray], wanted: Wanted, not
     return done
 
 
-def looks(
-    subject: Subject, by_bits: Mapping[int, np.ndarray], wanted: Wanted
-) -> Sequence[Callable[[Bench], Check]]:
+def looks(subject: Subject, by_bits: Mapping[int, np.ndarray], wanted: Wanted) -> Sequence[Callable[[Bench], Check]]:
     """Each check, to be run in a folder; the quick ones first."""
     return [
         lambda bench: beside_jax.check(subject, bench, by_bits[64], wanted),
@@ -120,5 +118,3 @@ def _table(layout: Layout, by_bits: Mapping[int, np.ndarray]) -> str:
     for bits, found in by_bits.items():
         lines += [",".join([str(bits), *map(repr, row)]) for row in found.tolist()]
     return "\n".join(lines) + "\n"
-
-
