@@ -55,7 +55,7 @@ def subject_of(artefact: Artefact, name: str, texts: Mapping[str, str]) -> Subje
 
 
 def vectors(subject: Subject) -> dict[int, np.ndarray]:
-    """By precision the rows: a drive, the export's own, broken numbers, far places, and what the search found."""
+    """By precision the rows: a drive, the export's own, numbers broken or changed one by one, places far off, searched."""
     artefact, step, layout = subject.artefact, subject.program, subject.layout
     usual = rows.usual(artefact, step, layout)
     broken, start = rows.broken(layout, usual), program.start(artefact.controller)
@@ -63,7 +63,8 @@ def vectors(subject: Subject) -> dict[int, np.ndarray]:
     for bits, dtype in BITS.items():
         parts: list[Found] = [search(one, layout, seeds, laid, dtype, one is start) for one in (step, start)]
         more = [part.rows for part in parts]
-        found[bits] = np.concatenate([rows.drive(usual), usual, broken, rows.far(layout, usual), *more])
+        kept = [rows.drive(usual), usual, broken, rows.singly(layout, usual), rows.far(layout, usual)]
+        found[bits] = np.concatenate([*kept, *more])
     return found
 
 

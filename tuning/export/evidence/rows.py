@@ -19,6 +19,8 @@ from ..program import Program
 FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whether with the tuned gains of the file
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
+BROKEN = (np.nan, np.inf, -np.inf, float(np.finfo(float).max))
+ANOTHER, BESIDE = 1.37, 0.01  # times a number, and beside it
 FAR = 9000.0  # m, where a float no longer tells 1 mm
 
 
@@ -90,14 +92,21 @@ def drive(usual: np.ndarray) -> np.ndarray:
 
 
 def broken(layout: Layout, usual: np.ndarray) -> np.ndarray:
-    """Each number of state, measurement and reference in turn NaN, then infinite; the starts with such ones."""
+    """Each number of state, measurement and reference in turn NaN, infinite, the largest; starts with such ones."""
     first = len(FIRST) + len(layout.columns["gains"])
     seen = first + len(layout.columns["state"])
-    rows = [
-        _with(usual[i % vectors.DRIVEN], i, x) for i in range(first, usual.shape[1]) for x in (np.nan, np.inf, -np.inf)
-    ]
+    rows = [_with(usual[i % vectors.DRIVEN], i, x) for i in range(first, usual.shape[1]) for x in BROKEN]
     starts = [_with(_with(usual[0], 0, START), i, np.nan) for i in range(seen, usual.shape[1])]
     return np.array(rows + starts)
+
+
+def singly(layout: Layout, usual: np.ndarray) -> np.ndarray:
+    """Each number in turn another, on a row of the drive and on one from anywhere: what takes one for one, shows."""
+    rows = []
+    for i in range(len(FIRST), usual.shape[1]):
+        for row in (usual[i % vectors.DRIVEN], usual[-1 - i % vectors.ANYWHERE]):
+            rows.append(_with(_with(row, i, ANOTHER * row[i] + BESIDE), layout.names.index("tuned"), 0.0))
+    return np.array(rows)
 
 
 def far(layout: Layout, usual: np.ndarray) -> np.ndarray:
