@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -40,9 +41,12 @@ def gather(
     by_bits = vectors(subject)
     wanted = rows.by_jax(artefact, subject.layout, by_bits[64])
     checks = run(subject, by_bits, wanted, note)
-    files.write(out / "vectors.csv", _table(subject.layout, by_bits))
+    table = _table(subject.layout, by_bits)
+    files.write(out / "vectors.csv", table)
     traced = trace.traces(subject, checks)
-    files.write(out / "evidence.json", files.as_json(_told(subject, checks, traced)))
+    told = {"vectors": {"file": "vectors.csv", "sha256": hashlib.sha256(table.encode()).hexdigest()}}
+    told |= {"rows": {str(bits): len(found) for bits, found in by_bits.items()}}
+    files.write(out / "evidence.json", files.as_json(_told(subject, checks, traced) | told))
     page.write(out, subject, checks, traced)
     return checks
 
@@ -55,7 +59,7 @@ def subject_of(artefact: Artefact, name: str, texts: Mapping[str, str]) -> Subje
 
 
 def vectors(subject: Subject) -> dict[int, np.ndarray]:
-    """By precision the rows: a drive, the export's own, numbers broken or changed one by one, places far off, searched."""
+    """By precision the rows: a drive, the export's own, numbers broken or changed one by one, far places, searched."""
     artefact, step, layout = subject.artefact, subject.program, subject.layout
     usual = rows.usual(artefact, step, layout)
     broken, start = rows.broken(layout, usual), program.start(artefact.controller)

@@ -25,7 +25,8 @@ def write(folder: Path, subject: Subject, checks: Sequence[Check], traced: Seque
     """`report.md` and `report.html`."""
     facts = subject.artefact.provenance
     title = f"# Evidence: {subject.name}, {facts['law'][-1]} for a {facts['vehicle']}"
-    parts = [plain(title), f"**{verdict(checks)}**", LIMITS.strip(), "## The checks", _checks(checks)]
+    source = f"Gains of `{plain(facts['source'])}`, configuration SHA-256 `{facts['configuration_sha256']}`."
+    parts = [plain(title), f"**{verdict(checks)}**", source, LIMITS.strip(), "## The checks", _checks(checks)]
     parts += ["## From requirement to check", _traces(traced)]
     for check in checks:
         if check.findings:
