@@ -16,7 +16,9 @@ import agvjax
 from tuning.cli.main import main
 from tuning.config.write import gains_table
 from tuning.export import artefact, c, program
-from tuning.export.evidence import beside_jax, check, collect, coverage, misra, page, rows, sanitizers, search
+from tuning.export.evidence import beside_jax, check, collect, coverage, misra, page, rows, sanitizers, search, trace
+from tuning.export.evidence.values import MATHS
+from tuning.export.expressions import FUNCTIONS, INFIX, SPECIAL
 
 needs_gcc = pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("gcov")), reason="gcc or gcov is missing")
 SMALL = agvjax.Sampled(inner=agvjax.OSFC(), vehicle=agvjax.Unicycle())
@@ -142,6 +144,25 @@ def test_rules_of_misra_are_sorted_by_category_and_only_those_with_a_reason_stay
         and {"rule": "20.10", "category": "advisory"}.items()
         <= figures["each"][[one["rule"] for one in figures["each"]].index("20.10")].items()
     )
+
+
+def test_the_search_knows_every_operation_that_c_can_say():
+    of_its_own = {"integer_pow", "round", "convert_element_type", "agvjax_uniform"}  # the last of vehicles alone
+    assert {*INFIX, *FUNCTIONS, *SPECIAL, "select_n", "max", "min", "and", "or"} - of_its_own <= set(MATHS)
+
+
+def test_texts_of_anybody_stay_texts_on_the_page(small, tmp_path):
+    worse = "<script>x</script> | `a` | b\n## c"
+    facts = small.subject.artefact.provenance
+    gains = {name: fact | {"unit": worse} for name, fact in facts["gains"].items()}
+    told = facts | {"gains": gains, "verdict": worse, "source": worse, "vehicle": worse, "law": ["Sampled", worse]}
+    subject = small.subject._replace(artefact=small.subject.artefact._replace(provenance=told))
+    odd = check.Check("x", worse, "failed", worse, {"gcc": worse}, (worse,), {}, (worse,), {})
+    page.write(tmp_path, subject, [odd], trace.traces(subject, [odd]))
+    html, text = ((tmp_path / f"report.{end}").read_text() for end in ("html", "md"))
+    assert "<script" not in html and "\n## c" not in text
+    rows_of_trace = [line for line in text.splitlines() if "law.c" in line and line.startswith("|")]
+    assert len(rows_of_trace) > 5 and {len(re.findall(r"(?<!\\)\|", line)) for line in rows_of_trace} == {6}
 
 
 def test_evidence_is_of_c_alone(tmp_path, capsys):

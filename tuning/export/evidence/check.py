@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -44,7 +45,14 @@ class Bench(NamedTuple):
         self.commands.append(" ".join(command))
         try:
             return subprocess.run(
-                command, cwd=self.folder, capture_output=True, text=True, check=False, timeout=most, errors="replace"
+                command,
+                cwd=self.folder,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=most,
+                errors="replace",
+                env=os.environ | {"LC_ALL": "C"},  # tools are to speak English
             )
         except subprocess.TimeoutExpired:
             return subprocess.CompletedProcess(command, 124, "", f"{command[0]} was stopped after {most:g} s")

@@ -106,7 +106,8 @@ def ran(bench: Bench, subject: Subject, rows: np.ndarray, *command: str) -> tupl
     (bench.folder / "results.bin").unlink(missing_ok=True)
     done = bench.call(*command)
     if done.returncode:
-        return None, (done.stderr.strip() or f"ended with {done.returncode}")[-2000:]
+        said = done.stderr.replace(str(bench.folder), ".").strip()
+        return None, said[:2000] or f"{command[0]} ended with {done.returncode}"
     columns = len(subject.layout.results) + 2
     made = np.frombuffer((bench.folder / "results.bin").read_bytes(), "<f8")
     if made.size != len(rows) * columns:

@@ -19,7 +19,7 @@ from ..program import Program
 FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whether with the tuned gains of the file
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
-BROKEN = (np.nan, np.inf, -np.inf, float(np.finfo(float).max))
+BROKEN = (np.nan, np.inf, -np.inf, 1e307)  # the last: nearly as large as can be; at the very end XLA rounds otherwise
 ANOTHER, BESIDE = 1.37, 0.01  # times a number, and beside it
 FAR = 9000.0  # m, where a float no longer tells 1 mm
 
@@ -92,7 +92,7 @@ def drive(usual: np.ndarray) -> np.ndarray:
 
 
 def broken(layout: Layout, usual: np.ndarray) -> np.ndarray:
-    """Each number of state, measurement and reference in turn NaN, infinite, the largest; starts with such ones."""
+    """Each number of state, measurement and reference in turn NaN, infinite, huge; starts with such ones."""
     first = len(FIRST) + len(layout.columns["gains"])
     seen = first + len(layout.columns["state"])
     rows = [_with(usual[i % vectors.DRIVEN], i, x) for i in range(first, usual.shape[1]) for x in BROKEN]

@@ -14,7 +14,7 @@ from .values import Values
 
 COUNT, ROUNDS = 256, 120  # rows tried at once, how often at most
 IDLE = 60  # rounds without a find after which it ends
-SPECIAL = np.array([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e154, -1e154, 1e300, -1e300, 1.7e308, -1.7e308])
+SPECIAL = np.array([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e154, -1e154, 1e300, -1e300, 1e307, -1e307])
 CLEAR = 1e-3  # a margin from which a row is as good as any
 
 
@@ -92,7 +92,7 @@ class _Search:
             elif kind < 0.8:
                 row[i] = rng.choice(SPECIAL)
             elif kind < 0.9:
-                row[i] = np.sign(rng.normal()) * 10 ** rng.uniform(-300, 308)
+                row[i] = np.sign(rng.normal()) * 10 ** rng.uniform(-300, 307)
             else:
                 row[i] = row[rng.choice(self.used)]
 

@@ -45,7 +45,7 @@ def traces(subject: Subject, checks: Sequence[Check]) -> list[Trace]:
     period = {name: value for name, value in named.items() if name == "period"}
     rows += [
         ("the law that was tuned is the one that runs", "the JAX step, to a tolerance", tuned, ("beside_jax",)),
-        ("one step a period", f"{facts['period']['value']:g} s", period, ("instructions", "instructions")),
+        ("one step a period", f"{facts['period']['value']:g} s", period, ("beside_jax", "instructions")),
         ("nothing is asked beyond what actuators can do", "output.limited", limits, ("beside_jax", "coverage")),
         ("a number that is not finite never enters the state", "output.status", {}, ("beside_jax", "coverage")),
         ("no code that never runs", "every branch taken", {}, ("coverage",)),
