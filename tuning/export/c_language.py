@@ -42,7 +42,8 @@ def language(name: str) -> Language:
 
     def lookup(table: str, row: int, number: str) -> str:
         count = f"route->{columns[table]}"
-        begins = f"&route->{table}[{row} * {count}]" if row else f"route->{table}"
+        at = count if row == 1 else f"{row} * {count}"
+        begins = f"&route->{table}[{at}]" if row else f"route->{table}"
         return f"{name}_look({begins}, {number}, {count})"
 
     return Language(

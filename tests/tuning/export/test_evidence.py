@@ -192,8 +192,10 @@ def gain(text, rng):
 
 def sign(text, rng):
     """A sum is a difference, or the other way round, or a sign is lost."""
-    one = rng.choice([m for m in re.finditer(r"= v\d+ ([+-]) v\d+;|= (-)[gv]\w+;", step(text))])
-    place = 1 if one[1] else 2
+    zeros = {m[1] for m in re.finditer(r" (v\d+) = LAW_R\(0.0\) \* ", step(text))}  # of NaN any sign is NaN: no defect
+    found = re.finditer(r"= v\d+ ([+-]) (v\d+);|= (-)[gv]\w+;", step(text))
+    one = rng.choice([m for m in found if m[2] not in zeros])
+    place = 1 if one[1] else 3
     return changed(text, one.span(place), {"+": "-", "-": "+" if one[1] else ""}[one[place]])
 
 

@@ -7,10 +7,9 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import STRICT, Subject, compiled, ran
-from .rows import FIRST, ON, Wanted
+from .rows import FIRST, ON, USUAL, Wanted
 
-TOLERANCE = 1e-9  # of the largest number of a row or 1, of rows of numbers that a robot can have
-USUAL = 1e4  # in size: what numbers a robot can have
+TOLERANCE = 1e-10  # of the largest number of a row or 1, of rows of numbers that a robot can have
 
 
 def check(subject: Subject, bench: Bench, rows: np.ndarray, wanted: Wanted) -> Check:

@@ -9,12 +9,11 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import FILES, STRICT, Subject, compiled, ran
-from .rows import FIRST
+from .rows import FIRST, USUAL
 from .stack import CORTEX
 
 COMPILER, BOARD = "arm-none-eabi-gcc", "mps2-an386"
 TOLERANCES = {64: 1e-9, 32: 1e-4}  # of the largest number of a row or 1: the two have other functions in math.h
-USUAL = 1e4  # in size: rows of larger numbers are there for the branches, and compared by status alone
 
 
 def check(subject: Subject, bench: Bench, rows: Mapping[int, np.ndarray]) -> Check:

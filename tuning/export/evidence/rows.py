@@ -20,6 +20,7 @@ FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whet
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
 BROKEN = (np.nan, np.inf, -np.inf, 1e307)  # the last: nearly as large as can be; at the very end XLA rounds otherwise
+USUAL = 1e4  # in size: below it are numbers that a robot can have
 ANOTHER, BESIDE = 1.37, 0.01  # times a number, and beside it
 FAR = 9000.0  # m, where a float no longer tells 1 mm
 

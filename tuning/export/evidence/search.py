@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import tables as route_tables
 from ..program import Program
-from .rows import START, STEP, Layout
+from .rows import FIRST, START, STEP, USUAL, Layout
 from .values import Values
 
-COUNT, ROUNDS = 256, 120  # rows tried at once, how often at most
+COUNT, LEAST, ROUNDS = 256, 12, 120  # rows tried at once, how often at least and at most
 IDLE = 60  # rounds without a find after which it ends
 SPECIAL = np.array([0.0, np.nan, np.inf, -np.inf, 1e-300, 1e154, -1e154, 1e300, -1e300, 1e307, -1e307])
 CLEAR = 1e-3  # a margin from which a row is as good as any
@@ -29,7 +29,7 @@ class Found(NamedTuple):
 class _Search:
     def __init__(self, program: Program, layout: Layout, dtype: type[np.floating], seeds: np.ndarray) -> None:
         self.program, self.layout, self.dtype, self.rng = program, layout, dtype, np.random.default_rng(0)
-        self.seeds, self.found, self.near = seeds, {}, {}
+        self.seeds, self.found, self.near, self.clear = seeds, {}, {}, {}
         given = {v for group in program.arguments.values() for field in group for v in field.variables}
         self.used = [i for i, name in enumerate(layout.names) if name in given and name in program.read]
         self.goals: dict[tuple[str, bool], None] = {}
@@ -39,14 +39,22 @@ class _Search:
         values = Values(laid, self.dtype, len(rows))
         known = dict(zip(self.layout.names, rows.T, strict=True))
         values.run(self.program, known | {name: np.full(len(rows), x) for name, x in sizes.items()})
-        new = False
+        new, usual = False, (np.abs(rows[:, len(FIRST) :]) < USUAL).all(axis=1)
         for site in values.sites:
             for way in (True, False):
                 key = site.name, way
                 self.goals.setdefault(key)
                 if key not in self.found:
                     new |= self._take(key, rows, site.reached, site.holds == way, site.margin)
+                self._keep_clear(key, rows, site.reached & (site.holds == way) & usual, site.margin)
         return new
+
+    def _keep_clear(self, key: tuple[str, bool], rows: np.ndarray, right: np.ndarray, margin: np.ndarray) -> None:
+        """Of rows of usual numbers the one that goes this way most clearly: there the other way would show."""
+        away = np.where(right & np.isfinite(margin), np.abs(margin), -1.0)
+        best = int(np.argmax(away))
+        if away[best] > self.clear.get(key, (0.0, None))[0]:
+            self.clear[key] = float(away[best]), rows[best].copy()
 
     def _take(
         self, key: tuple[str, bool], rows: np.ndarray, reached: np.ndarray, right: np.ndarray, m: np.ndarray
@@ -127,9 +135,10 @@ def search(
                 k = number % len(places)
                 new = found.look(_on(found.candidates(), k), *places[k])
             idle = 0 if new else idle + 1
-            if len(found.found) == len(found.goals) or idle > IDLE:
+            if (len(found.found) == len(found.goals) and number >= LEAST) or idle > IDLE:
                 break
-    rows = np.unique(np.array(list(found.found.values())), axis=0) if found.found else seeds[:1].copy()
+    kept = [*found.found.values(), *(row for _, row in found.clear.values())]
+    rows = np.unique(np.array(kept), axis=0) if kept else seeds[:1].copy()
     rows[:, 0], rows[:, 2] = START if start else STEP, 0.0
     missing = tuple(f"{name}: never {str(way).lower()}" for name, way in found.goals if (name, way) not in found.found)
     return Found(rows, missing, len(found.goals))
