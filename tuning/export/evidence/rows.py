@@ -19,7 +19,8 @@ from ..program import Program
 FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whether with the tuned gains of the file
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
-BROKEN = (np.nan, np.inf, -np.inf, 1e307)  # the last: nearly as large as can be; at the very end XLA rounds otherwise
+BROKEN = (np.nan, np.inf, -np.inf, 1e306)  # the last: nearly as large as can be; at the very end XLA rounds otherwise
+ODD = 3  # the number of the first route that no planner makes
 USUAL = 1e4  # in size: below it are numbers that a robot can have
 ANOTHER, BESIDE = 1.37, 0.01  # times a number, and beside it
 FAR = 9000.0  # m, where a float no longer tells 1 mm
@@ -127,6 +128,15 @@ def _with(row: np.ndarray, column: int, value: float) -> np.ndarray:
     row = row.copy()
     row[column] = value
     return row
+
+
+def strange(layout: Layout, rows: np.ndarray) -> np.ndarray:
+    """Of each row whether no step and no planner makes it: a place on a leg that is none, or one of the odd routes."""
+    odd = rows[:, 1] >= ODD
+    for i, name in enumerate(layout.names):
+        if name.endswith("place_leg"):
+            odd |= (rows[:, i] != np.floor(rows[:, i])) | (rows[:, i] < 0) | (rows[:, i] >= 1)
+    return odd
 
 
 class Wanted(NamedTuple):
