@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from pathlib import Path
 
 import jax
 
@@ -28,6 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     forms, what = (PLANTS, "plant") if arguments.what == "plant" else (FORMATS, "controller")
     if arguments.format not in forms:
         raise InputError([Fault("--what", what, f"of --format {' or '.join(forms)}")])
+    if arguments.evidence and arguments.format != "c":
+        raise InputError([Fault("--evidence", arguments.format, "left out, or with --format c")])
     jax.config.update("jax_enable_x64", True)
     console = Console(arguments.quiet)
     compiled.keep_compiled()
@@ -44,13 +47,23 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault(key, kind, rule)]) from error
     out = new_folder(arguments.out, arguments.command)
     contents = {"provenance.json": files.as_json(found.provenance)} | made  # a form may have more to say there
-    for name, content in contents.items():
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        files.write(out / name, content)
+    for file, content in contents.items():
+        (out / file).parent.mkdir(parents=True, exist_ok=True)
+        files.write(out / file, content)
     if isinstance(found.provenance["uncertainty"], str):
         console.note(f"uncertainty {found.provenance['uncertainty']}")
     verdict = found.provenance["verdict"]
     if verdict not in (artefact.MET, artefact.UNJUDGED):
         console.note(f"verdict on these gains: {verdict}")
     console.say(f"{len(contents)} files written to {out}: {', '.join(sorted(contents))}")
-    return 0
+    return _evidence(found, name or module.NAME, made, out / "evidence", console) if arguments.evidence else 0
+
+
+def _evidence(found: artefact.Artefact, name: str, made: dict[str, str], out: Path, console: Console) -> int:
+    """Check the files; 1 where a check failed. What was not run is said, and is no failure."""
+    from ..export import evidence  # late: it is asked for rarely
+
+    out.mkdir()
+    checks = evidence.gather(found, name, made, out, console.note)
+    console.conclude(evidence.verdict(checks), str(out / "report.html"))
+    return int(any(check.verdict == "failed" for check in checks))

@@ -160,6 +160,7 @@ EXPORT = Command(
         option("--format", choices=FORMATS, required=True),
         option("--what", choices=("controller", "plant"), default="controller", help="with fmu also the vehicle"),
         option("--name", help="of files, functions and package (default: one for each format)"),
+        flag("--evidence", "with c: run checks of the exported code and keep them, see docs/evidence.md"),
     ),
 )
 COMPARE = Command(

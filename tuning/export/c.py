@@ -11,18 +11,18 @@ from jaxtyping import PyTree
 from agvjax import InputError
 from agvjax.engine.loop import farthest
 
-from . import c_language, c_route, guard, names, program
+from . import c_route, guard, names, program
 from .artefact import Artefact, filled, plain
 from .c_language import EMPTY, assigned, commented, computed, double, struct
-from .expressions import FUNCTIONS, text
-from .operations import flat
+from .expressions import FUNCTIONS
+from .operations import Operand, flat
 from .program import Field, Program
 from .vectors import table
 
 TEMPLATES = Path(__file__).with_name("c_files")
 NAME = "agv_controller"
 GROUPS = ("state", "measurement", "reference")  # of a row of the self-test; a route is none of them
-TARGETS = (("state", "state"), ("inputs", "output"), ("limited", "output"))  # which structure has which results
+TARGETS = (("state", "state"), ("inputs", "output"))  # which structure has which results; truth values besides
 OUTPUT = ["limited", "status"]  # members of its structure besides the inputs
 FLAGS = (
     "    int limited; /* whether the law kept something back */",
@@ -143,11 +143,30 @@ def _body(program: Program, name: str) -> str:
     results = [line for group, target in TARGETS for line in assigned(target, program.results.get(group, ()), name)]
     if not program.results["state"]:
         results += assigned("state", [Field(EMPTY, (), (0.0,))], name)
-    if status := program.results.get("status"):
-        not_finite, started = (text(field.variables[0], c_language.language(name)) for field in status)
-        words = [f"{name.upper()}_{word}" for word in guard.STATUS]
-        results.append(f"output->status = {not_finite} ? {words[1]} : {started} ? {words[2]} : {words[0]};")
+    results += _said(program, name)
     return "\n".join(f"    {line}" for line in (*computed(program, name), *results))
+
+
+def _said(program: Program, name: str) -> list[str]:
+    """What a step says of itself: whether the law kept something back, and the word of its status."""
+    if "status" not in program.results:
+        return []
+    (limited,), flags = (program.results[group] for group in ("limited", "status"))
+    usual, *words = (f"output->status = {name.upper()}_{word};" for word in guard.STATUS)
+    kept_back = _cases([(limited.variables[0], "output->limited = 1;")], "output->limited = 0;")
+    return kept_back + _cases([(x.variables[0], word) for x, word in zip(flags, words, strict=True)], usual)
+
+
+def _cases(cases: list[tuple[Operand, str]], otherwise: str) -> list[str]:
+    """The statement of the first condition that holds; one that is known not to hold is not written."""
+    written: list[str] = []
+    for condition, statement in cases:
+        if condition is True:
+            otherwise = statement
+            break
+        if condition is not False:
+            written += [f"{'} else ' if written else ''}if ({condition}) {{", f"    {statement}"]
+    return [*written, "} else {", f"    {otherwise}", "}"] if written else [otherwise]
 
 
 def _vectors(step: Program, rows: np.ndarray) -> str:

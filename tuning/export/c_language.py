@@ -29,20 +29,22 @@ def language(name: str) -> Language:
     columns = {table.name: table.columns for table in tables.TABLES.values()}
 
     def either(choice: Choice, condition: str, yes: list[str], no: list[str]) -> list[str]:
-        kinds = [(made, "int" if flag else real) for made, flag in zip(choice.names, choice.flags, strict=True)]
+        kinds = [(made, "_Bool" if flag else real) for made, flag in zip(choice.names, choice.flags, strict=True)]
         declared = [f"{kind} {made};" for made, kind in kinds]
         return [*declared, f"if ({condition}) {{", *_indented(yes), "} else {", *_indented(no), "}"]
 
     def loop(least: Least, count: str, body: list[str], score: str) -> list[str]:
         made, at, lowest = least.name, f"{least.name}_at", f"{least.name}_least"
-        head = [f"{real} {made} = 0, {lowest} = {upper}_R(HUGE_VAL);", f"int {at};"]
+        head = [f"{real} {made} = {upper}_R(0.0);", f"{real} {lowest} = {upper}_R(HUGE_VAL);", f"int {at};"]
         head.append(f"for ({at} = 0; {at} < (int){count}; {at}++) {{")
         better = [f"if ({score} < {lowest}) {{", f"    {lowest} = {score};", f"    {made} = {least.number};", "}"]
         return [*head, *_indented([f"const {real} {least.number} = ({real}){at};", *body, *better]), "}"]
 
     def lookup(table: str, row: int, number: str) -> str:
         count = f"route->{columns[table]}"
-        return f"{name}_look(route->{table} + {row} * {count}, {number}, {count})"
+        at = count if row == 1 else f"{row} * {count}"
+        begins = f"&route->{table}[{at}]" if row else f"route->{table}"
+        return f"{name}_look({begins}, {number}, {count})"
 
     return Language(
         number=lambda x: f"{upper}_R({double(x)})",
@@ -52,7 +54,7 @@ def language(name: str) -> Language:
         both="&&",
         either="||",
         negate=lambda x: f"!{x}",
-        define=lambda made, value, flag: f"const {'int' if flag else real} {made} = {value};",
+        define=lambda made, value, flag: f"const {'_Bool' if flag else real} {made} = {value};",
         assign=lambda made, value: f"{made} = {value};",
         lookup=lookup,
         either_block=either,

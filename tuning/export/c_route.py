@@ -18,7 +18,15 @@ LOOK = """
 /* The number of a row of `count`; beyond its ends, and of no number, that at the nearest end. */
 static {name}_real {name}_look(const {name}_real *row, {name}_real number, int count)
 {{
-    return row[number >= 1 ? (number < ({name}_real)count ? (int)number : count - 1) : 0];
+    int at;
+    if (number >= ({name}_real)count) {{
+        at = count - 1;
+    }} else if (number >= ({name}_real)1.0) {{
+        at = (int)number;
+    }} else {{
+        at = 0;
+    }}
+    return row[at];
 }}
 """
 CONFIGURED = """

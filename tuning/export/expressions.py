@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..io.files import Json
-from .operations import Block, Choice, Least, Operand, Operation, Statement
+from .operations import LOOKUP, Block, Choice, Least, Operand, Operation, Statement
 
 INFIX = {"add": "+", "add_any": "+", "sub": "-", "mul": "*", "div": "/"}
 INFIX |= {"gt": ">", "lt": "<", "ge": ">=", "le": "<=", "eq": "==", "ne": "!="}
@@ -73,7 +73,7 @@ def expression(operation: Operation, language: Language) -> str:
         ValueError: a primitive that no law has used so far; the message names it.
     """
     name, x = operation.primitive, [text(operand, language) for operand in operation.inputs]
-    if name == "agvjax_lookup":
+    if name == LOOKUP:
         return language.lookup(operation.params["table"], operation.params["row"], x[0])
     if name in INFIX:
         return f"{x[0]} {INFIX[name]} {x[1]}"
@@ -85,9 +85,21 @@ def expression(operation: Operation, language: Language) -> str:
         return language.choose(x[0], x[2], x[1])
     if name in ("and", "or") and operation.flag:
         return f"{x[0]} {language.both if name == 'and' else language.either} {x[1]}"
+    if name in ("max", "min"):
+        return _extreme(operation, x, language)
     if name in SPECIAL:
         return SPECIAL[name](x, operation.params, language)
     raise ValueError(f"the law uses {name}, for which no code can be written yet")
+
+
+def _extreme(operation: Operation, x: list[str], language: Language) -> str:
+    """Of two the larger, or the smaller; NaN goes on. Of a number that never is none nothing is asked."""
+    beyond, at_least = (">", ">=") if operation.primitive == "max" else ("<", "<=")
+    if operation.params.get("sure") == 1:
+        return language.choose(f"{x[1]} {beyond} {x[0]}", x[1], x[0])
+    if operation.params.get("sure") == 0:
+        return language.choose(f"{x[0]} {at_least} {x[1]}", x[0], x[1])
+    return language.choose(f"({x[0]} {at_least} {x[1]}) {language.either} ({x[0]} != {x[0]})", x[0], x[1])
 
 
 def _power(x: str, y: int, language: Language) -> str:
@@ -114,9 +126,7 @@ SPECIAL: dict[str, Callable[[list[str], Json, Language], str]] = {
     "logistic": lambda x, p, o: f"{o.number(1.0)} / ({o.number(1.0)} + {o.call('exp')}(-{x[0]}))",
     "not": lambda x, p, o: o.negate(x[0]),
     "xor": lambda x, p, o: f"{x[0]} != {x[1]}",
-    "is_finite": lambda x, p, o: f"{x[0]} - {x[0]} == {o.number(0.0)}",
-    "max": lambda x, p, o: o.choose(f"{x[0]} >= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),  # NaN goes on
-    "min": lambda x, p, o: o.choose(f"{x[0]} <= {x[1]} {o.either} {x[0]} != {x[0]}", x[0], x[1]),
+    "is_finite": lambda x, p, o: f"({x[0]} - {x[0]}) == {o.number(0.0)}",
     "clamp": lambda x, p, o: o.choose(f"{x[1]} < {x[0]}", x[0], f"({o.choose(f'{x[1]} > {x[2]}', x[2], x[1])})"),
     "convert_element_type": lambda x, p, o: o.choose(x[0], o.number(1.0), o.number(0.0)),
     "agvjax_uniform": lambda x, p, o: f"{o.call('uniform')}({x[0]}, {x[1]})",  # a function of the exported code

@@ -94,12 +94,13 @@ def _own(state: PyTree) -> PyTree:
 
 
 def _finite(tree: PyTree) -> Bool[Array, ""]:
-    """Whether every number is."""
-    flags = [jnp.isfinite(x[i]) for x in map(jnp.asarray, jax.tree.leaves(tree)) for i in np.ndindex(x.shape)]
-    sound = jnp.asarray(True)
-    for flag in flags:
-        sound = sound & flag
-    return sound
+    """Whether every number is: 0 times a number is 0, of NaN and infinity NaN, and so is a sum that has it.
+
+    One comparison for all of them, where a chain of `and` would make two branches of each number.
+    """
+    numbers = [x[i] for x in map(jnp.asarray, jax.tree.leaves(tree)) for i in np.ndindex(x.shape)]
+    zeros = [0.0 * x for x in numbers]
+    return sum(zeros[1:], start=zeros[0]) == 0.0 if zeros else jnp.asarray(True)
 
 
 def _chosen(condition: Bool[Array, ""], yes: PyTree, no: PyTree) -> PyTree:

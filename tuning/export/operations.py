@@ -16,6 +16,7 @@ from ..io.files import Json
 SAME = frozenset({"copy", "copy_p", "stop_gradient", "optimization_barrier"})
 INLINED = frozenset({"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"})
 PARAMETERS = ("y", "rounding_method", "table", "row")  # of primitives, that say what is computed
+LOOKUP = "agvjax_lookup"  # a number of a route
 Operand = str | float | bool
 
 
@@ -25,7 +26,7 @@ class Operation(NamedTuple):
     name: str
     primitive: str
     inputs: tuple[Operand, ...]
-    params: Json
+    params: Json  # `sure` of max and min: the number of an input that is never NaN
     flag: bool  # whether it is a truth value; else a real number
 
     @property
@@ -145,10 +146,11 @@ def constant(value: PyTree) -> Operand:
 class Writer:
     """Collects operations, each distinct one once; a block within another knows what is written before it."""
 
-    def __init__(self, outer: Writer | None = None) -> None:
+    def __init__(self, outer: Writer | None = None, data: Iterable[str] = ()) -> None:
         self.written: list[Statement] = []
         self.seen: dict[PyTree, str] = {} if outer is None else dict(outer.seen)
         self.count: Iterator[int] = itertools.count() if outer is None else outer.count
+        self.data: set[str] = set(data) if outer is None else outer.data  # of a route alone: never NaN
 
     def run(self, closed: core.ClosedJaxpr, inputs: Sequence[Operand]) -> list[Operand]:
         """All equations of a jaxpr on scalars, calls inlined; its results."""
@@ -177,6 +179,8 @@ class Writer:
             return [self._least(equation, inputs)]
         if _is_choice(equation):
             return [inputs[name == "clamp"]]
+        if (known := _known(name, inputs)) is not None:
+            return [known]
         return [self._operation(equation, name, inputs)]
 
     def _name(self) -> str:
@@ -197,6 +201,11 @@ class Writer:
         key = name, tuple(map(repr, inputs)), tuple(map(repr, params.items()))
         if key not in self.seen:
             self.seen[key] = self._name()
+            sure = [not isinstance(x, str) or x in self.data for x in inputs]
+            if name == LOOKUP or all(sure[name == "select_n" :]):
+                self.data.add(self.seen[key])
+            if name in ("max", "min") and any(sure):
+                params["sure"] = sure.index(True)
             self.written.append(Operation(self.seen[key], name, tuple(inputs), params, bool(flag)))
         return self.seen[key]
 
@@ -228,6 +237,19 @@ class Writer:
         inner = Writer(self)
         results = inner._run(jaxpr, consts, inputs)
         return Block(kept(inner.written, results), tuple(results))
+
+
+def _known(name: str, inputs: Sequence[Operand]) -> Operand | None:
+    """What comes of it where a constant truth value decides, so that no branch is written that is never taken."""
+    first, rest = inputs[0] if inputs else None, inputs[1:]
+    if name == "select_n" and isinstance(first, bool) and len(rest) == 2:
+        return rest[first]
+    if name == "not" and isinstance(first, bool):
+        return not first
+    if name in ("and", "or") and (fixed := [x for x in inputs if isinstance(x, bool)]):
+        decides = name == "or"  # True of `or`, False of `and`
+        return decides if decides in fixed else next((x for x in inputs if not isinstance(x, bool)), not decides)
+    return None
 
 
 def _is_choice(equation: core.JaxprEqn) -> bool:

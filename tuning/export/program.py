@@ -122,7 +122,7 @@ def program_of(function: Callable[..., PyTree], arguments: Json) -> Program:
     names = [str(name) for group in fields.values() for field in group for name in field.variables]
     if odd := [name for name in names if not name.isidentifier() or names.count(name) > 1]:
         raise ValueError(f"the law calls a number {odd[0][2:42]!r}, which is no name, or that of two")
-    writer = Writer()
+    writer = Writer(data=[str(name) for field in fields.get("route", ()) for name in field.variables])
     taken = iter(outputs := writer.run(closed, names))
     results = {
         group: tuple(f._replace(variables=tuple(next(taken) for _ in f.variables)) for f in _fields(group, tree))

@@ -45,7 +45,7 @@ def table(artefact: Artefact, step: Program) -> tuple[list[str], np.ndarray]:
 
 def row(controller: Sampled, state: PyTree, measurement: Measurement, reference: Reference) -> np.ndarray:
     """State, measurement, reference, later state, inputs and whether limited of one step, as one flat array."""
-    later = _step(controller, state, measurement, reference)
+    later = step(controller, state, measurement, reference)
     parts = (state, measurement, _plain(reference), later["state"], later["inputs"], later["limited"])
     return np.concatenate([np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(parts)])
 
@@ -54,7 +54,7 @@ def _plain(reference: Reference) -> Reference | None:
     return reference if reference.route is None else None
 
 
-_step, _init, _at = jax.jit(guard.step), jax.jit(guard.begun), jax.jit(Route.at)
+step, _init, _at = jax.jit(guard.step), jax.jit(guard.begun), jax.jit(Route.at)
 
 
 def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
@@ -68,7 +68,7 @@ def _driven(controller: Sampled) -> list[tuple[PyTree, Measurement, Reference]]:
         here = dataclasses.replace(seen, position=start + t * speed, velocity=speed, heading=heading)
         state = guard.begun(controller, here, asked) if k == 0 else state
         steps.append((state, here, asked))
-        state = _step(controller, state, here, asked)["state"]
+        state = step(controller, state, here, asked)["state"]
     return steps
 
 
