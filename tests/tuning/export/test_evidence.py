@@ -1,5 +1,6 @@
 """The evidence about exported C: what its checks find in right code and in wrong code, and what was not run."""
 
+import dataclasses
 import json
 import os
 import random
@@ -236,6 +237,18 @@ def changed(text, span, new):
 
 
 @needs_gcc
+@pytest.mark.slow
+@needs_gcc
+def test_a_law_that_predicts_agrees_with_jax_on_huge_numbers_too(tmp_path):
+    """Compiled, JAX overflows elsewhere on three rows: those are compared operation by operation."""
+    zones = agvjax.Unicycle().deadzones()
+    more = {"compensation": agvjax.Inverse(believed=zones, lead=0.01, width=1.0)}
+    law = dataclasses.replace(LIMITED, prediction=agvjax.Predictor(delay=0.05, believed=zones), **more)
+    made = about(law, tmp_path)
+    done = beside_jax.check(made.subject, bench(tmp_path, made.subject), made.rows[64], made.wanted)
+    assert done.verdict == check.PASSED and done.findings == ()
+
+
 @pytest.mark.slow
 def test_of_twenty_planted_defects_at_least_nineteen_are_caught(tmp_path):
     """Four of each kind, drawn at random; by the checks that read the C, without those of style."""

@@ -19,7 +19,8 @@ from ..program import Program
 FIRST = ("todo", "route", "tuned")  # columns before the numbers; the last: whether with the tuned gains of the file
 STEP, START, ON = 0.0, 1.0, 2.0  # what a row asks for: a step, a start, a step from the state that the row before left
 GROUPS = ("gains", "state", "measurement", "reference")
-BROKEN = (np.nan, np.inf, -np.inf, 1e306)  # the last: nearly as large as can be; at the very end XLA rounds otherwise
+HUGE = 1e306  # nearly as large as can be; at the very end XLA rounds otherwise
+BROKEN = (np.nan, np.inf, -np.inf, HUGE)
 ODD = 3  # the number of the first route that no planner makes
 USUAL = 1e4  # in size: below it are numbers that a robot can have
 ANOTHER, BESIDE = 1.37, 0.01  # times a number, and beside it
