@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import agvjax
 
@@ -33,6 +34,7 @@ def test_the_velocity_that_it_tells_is_the_rate_of_the_position_that_it_tells():
     np.testing.assert_allclose(told(2.0).velocity, rate, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_law_that_is_told_another_place_drives_that_place_along_the_path():
     """A sensor 5 cm to the left: on a straight route the robot ends 5 cm to the right of it."""
     route = agvjax.Route.through([[0.0, 0.0], [6.0, 0.0]], speed=0.5)

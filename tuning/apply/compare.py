@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -129,7 +129,7 @@ def _adversary(config: Config, objective: Objective, weights: Mapping[str, float
     ask, scenario = config.tune.search, agvjax.check(config.scenario)
     criteria = agvjax.Criteria.of(tuple(weights), sloped=True, like=objective.judged)
 
-    def rollout(law: Any, leaves: Mapping[str, Array]) -> tuple[Array, Array]:
+    def rollout(law: agvjax.Law, leaves: Mapping[str, Array]) -> tuple[Array, Array]:
         batch = agvjax.Batch(scenario=swap(scenario, dict(leaves)), names=tuple(leaves))
         dtype = jnp.result_type(float).type
         timing = config.timing("tune")

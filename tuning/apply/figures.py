@@ -29,7 +29,7 @@ def vehicles(config: Config, found: Compared) -> Figure:
     _pairs(right, found.costs[0, fine], found.costs[1, fine], "goal of a vehicle, 1 = current mean")
     there = found.worst[:, np.isfinite(found.worst).all(axis=0)]
     if there.size:
-        right.plot(*there, "x", color="C3", ms=8, mew=2, label="worst that were found")
+        right.plot(*there, "x", color="C3", ms=8, mew=2, label="worst found")
     right.legend(fontsize="small")
     return figure
 

@@ -12,7 +12,7 @@ from agvjax.metric_units import units_in
 
 from .. import config as configuration
 from ..config.settings import Config
-from ..io import files
+from ..io import files, statements
 from ..io.files import Json
 from ..io.pages import grid, picture, publish
 from ..io.pictures import write_figures
@@ -76,7 +76,7 @@ def verdict(result: Applied) -> str:
     return (
         f"**Accepted.** Of {decision.vehicles} vehicles that the log leaves possible the new gains are worse on"
         f" {decision.worse}: with {asked.confidence:.0%} confidence they are not worse{by} on {decision.least:.1%} of"
-        f" all such vehicles. Nor are they on the worst vehicles that were found, and the limits are kept. On average"
+        f" all such vehicles. Nor are they on the vehicles worst found for either, and the limits are kept. On average"
         f" the goal changes by {change:+.1%}."
     )
 
@@ -104,7 +104,8 @@ def predicted(result: Applied) -> str:
         cells = [cell for a, b in pairs for cell in (f"{a:.4g}", f"{b:.4g}", f"{b / a:.3f}" if a else "")]
         rows.append([name, units[name], *cells])
     rows.append(["diverged runs", "", *(int((~np.asarray(m.ok)).sum()) for m in found.metrics), "", "", "", ""])
-    return grid(["metric", "unit", "mean now", "new", "ratio", "worst now", "new", "ratio"], rows)
+    worst = statements.worst_of(result.decision.vehicles)
+    return grid(["metric", "unit", "mean now", "new", "ratio", f"{worst} now", "new", "ratio"], rows)
 
 
 def changed(current: agvjax.Law, new: agvjax.Law) -> list[list[object]]:
@@ -140,5 +141,8 @@ def page(result: Applied, named: tuple[str, str]) -> str:
             parts += [f"## {LIMITS}", f"{words} must not be exceeded further.", grid(["limit", "now", "new", ""], rows)]
     rows = changed(result.current, result.new)
     table = grid(["gain", "now", "new"], rows) if rows else "None: the files hold the same law."
+    if found is not None:
+        kinds = statements.of_draws(result.decision.vehicles), statements.of_kind(statements.FOUND)
+        parts.append(statements.said(*kinds))
     parts += [f"## {GAINS}", table, f"## {VEHICLE}", f"By {', '.join(result.known.logs)}. {result.known.text}"]
     return "\n\n".join(parts) + "\n"

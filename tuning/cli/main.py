@@ -16,8 +16,9 @@ from typing import Any, NoReturn, TextIO
 from ..export import FORMATS
 from ..io.numbers import integer, real
 from .early import end_at_once
-from .options import QUIET, Command, Option, flag, many, option
+from .options import Command, Option, flag, many, option
 from .questions import COMPLETION, EXPLAIN, NEW
+from .recordings import APPLY, IDENTIFY, LOG, WATCH
 
 SCHEDULER = option(
     "--scheduler",
@@ -100,58 +101,6 @@ SPEED = Command(
         flag("--resume", "continue the run in --out, to the same result"),
     ),
     "--config base --within 0.05",
-)
-TOPICS = (
-    many("--topics", "ROLE=TOPIC", "which topic of a recording is its pose, command, speed, yaw_rate, steering"),
-    option(
-        "--stamps",
-        choices=("auto", "header", "arrival"),
-        help="whose times: the sender's or those of arrival (default: the sender's where there are any)",
-    ),
-)
-FIT = option("--fit", metavar="NAMES", help="fit groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
-IDENTIFY = Command(
-    "what the actuators really do, from recorded drives; a scenario to tune for",
-    (
-        option(
-            "logs",
-            nargs="*",
-            metavar="LOG",
-            help="recorded drives: CSV, or as `agvjax log` reads them; without any, a drive to record is suggested",
-        ),
-        many("--unseen", "LOG", "a drive to predict with what was identified"),
-        *(*TOPICS, FIT),
-    ),
-)
-LOG = Command(
-    "what a recorded drive holds and what it can be used for: bags of ROS, MCAP, ULog, dataflash, MDF",
-    (
-        option("file", metavar="FILE", help="the recording; the folder of a bag of ROS 2"),
-        *TOPICS,
-        option("--out", metavar="DIR", help="where to write; a new folder (default: runs/log-TIME)"),
-        QUIET,
-    ),
-    "drive.mcap",
-    (),
-)
-APPLY = Command(
-    "may new gains replace those on the robot? By what its last log leaves possible; exit code 1 if not",
-    (
-        option("new", metavar="NEW.toml", help="the new gains, or the folder of the run that tuned them"),
-        option("--over", metavar="CURRENT.toml", help="the gains on the robot, or the folder that has them"),
-        many("--log", "LOG", "the robot's last drive, as `agvjax identify` reads it"),
-        option("--identified", metavar="DIR", help="in place of a log the folder of `agvjax identify`"),
-        *(*TOPICS, FIT),
-    ),
-    "new.toml --over current.toml --log today.mcap",
-)
-WATCH = Command(
-    "are gains still tuned for the robot that a log is of? Exit code 1 if not, or if it cannot be told",
-    (
-        option("logs", nargs="+", metavar="LOG", help="recorded drives, as `agvjax identify` reads them"),
-        *(*TOPICS, FIT),
-    ),
-    "today.mcap --config tuned/config.toml",
 )
 EXPORT = Command(
     "the step of a tuned sampled controller as C, NumPy, ROS 2, StableHLO or FMU",

@@ -16,7 +16,7 @@ RULES, COMMANDS, HASHES = "Each rule", "The commands", "The files"
 SHOWN = 20  # findings of a check, at most
 LIMITS = """
 What it is: checks that tools ran on these files on this day. What it is not: a proof, or a statement by anybody else.
-The worst number of instructions is the worst that was seen on these rows, on this processor, and no bound. Branches are
+The number of instructions is the largest that was seen on these rows, on this processor, and no bound. Branches are
 covered, not each combination of conditions. The target is QEMU's, not a board.
 """
 
