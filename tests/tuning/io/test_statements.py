@@ -48,7 +48,8 @@ def test_the_search_for_such_words_finds_what_there_is():
 
 OWN_LINE = [  # every kind of report, by what writes it
     "tune/page", "sweep/page", "apply/page", "sweep/rare/page", "identify/page", "studies/speed/page",
-    "studies/laws/page", "studies/laws/followers_page", "studies/remedies/page", "studies/margins/page", "studies/vehicles/page",
+    "studies/laws/page", "studies/laws/followers_page", "studies/remedies/page", "studies/margins/page",
+    "studies/vehicles/page",
 ]  # fmt: skip
 
 
