@@ -8,8 +8,6 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
-from agvjax import Fault, InputError
-
 from .. import config as configuration
 from ..compute import schedule
 from ..compute.jobs import Engine, Jobs, WorkFailed
@@ -28,8 +26,6 @@ from .sweep_folder import begin, begun
 def run(arguments: argparse.Namespace) -> int:
     """Compute the shards that are missing, and write the report."""
     if arguments.rare:
-        if arguments.scheduler is not None:
-            raise InputError([Fault("--scheduler", arguments.scheduler, "used without --rare, which is one process's")])
         return rare.run(arguments)
     config, console = configure(arguments, faults, swept(arguments), moving)
     plan, laws = work.planned(config), named(config, arguments.imports)

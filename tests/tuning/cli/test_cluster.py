@@ -204,3 +204,14 @@ def test_jobs_of_slurm_compute_a_sweep(alone, tmp_path, monkeypatch):
     finished(start(swept(out, "--scheduler", "slurm:2")))
     assert len(list((tmp_path / "bin").glob("sbatch.*.sh"))) == 2
     assert results(out) == alone
+
+
+def test_workers_draw_rare_failures_as_one_process_does(tmp_path):
+    settings = ["simulate.horizon=4", "sweep.integrator=euler", "sweep.shard=2048", "sweep.rollouts=20000"]
+    settings += ["sweep.fails={ total_rmse = 1.3 }", 'sweep.metrics=["total_rmse"]']
+    found = []
+    for name, more in (("one", ()), ("two", ("--scheduler", "local:2"))):
+        out = tmp_path / name
+        finished(start(arguments("sweep", out, settings, "--rare", "--ensemble", "--quiet", *more)))
+        found.append(results(out))
+    assert found[0] == found[1] and sum(name.startswith("rare-draws") for name in found[0]) > 2

@@ -383,7 +383,6 @@ BAD_SWEEP = {
     "a law twice": (["--controller", "osfc", "--controller", "osfc"], ("sweep.controllers", "osfc", "once")),
     "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
     "gains too fast": (["--over", "controller.omega_n=50:500:3"], ("sweep.dt", "omega_n", "command filter")),
-    "workers of what has none": (["--rare", "--ensemble", "--scheduler", "local:2"], ("--scheduler", "without --rare")),
     "no such scheduler": (["--scheduler", "local:0"], ("--scheduler", "local:0", "local:N, tcp://HOST:PORT")),
     "nothing to go on with": (["--resume"], ("--resume", "has begun")),
 }

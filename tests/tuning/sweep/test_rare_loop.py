@@ -1,7 +1,9 @@
 """Rare failures of closed loops: as the metrics have them, kept in a folder, simulated again."""
 
+import contextlib
 import dataclasses
 import json
+import pickle
 import re
 
 import numpy as np
@@ -14,12 +16,14 @@ from claimed import meant, unqualified
 from commands import contents
 from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Tune
+from tuning.cli import rare
 from tuning.cli.main import main
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Ensemble, Search, Sweep
 from tuning.ensemble.draws import Correlation, Span, correlated
+from tuning.io.alone import alone
 from tuning.sweep.design import design
-from tuning.sweep.rare import loop, rules, search
+from tuning.sweep.rare import chunks, loop, rules, search
 
 pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 X, SPEED = "start.position[0]", "start.velocity"
@@ -165,12 +169,39 @@ def test_what_is_kept_is_not_done_again_and_what_is_damaged_comes_out_the_same(s
     assert {str(name) for name in before if before[name] != again.get(name)} <= {"report.md", "report.html"}
 
 
+class Elsewhere:
+    """Makes jobs as another process would: of what it is sent alone, the last one first."""
+
+    def each(self, jobs, numbers):
+        make = jobs.prepare(pickle.loads(pickle.dumps(jobs.about)))
+        return ((number, make(number)) for number in reversed(numbers))
+
+
+def test_what_others_draw_is_what_this_process_draws(searched, monkeypatch):
+    out, argv, _ = searched
+    before, counted = contents(out), []
+    for file in out.glob("rare-draws-0000[12].npz"):
+        file.unlink()
+    monkeypatch.setattr(rare.schedule, "opened", lambda *_: contextlib.nullcontext(Elsewhere()))
+    monkeypatch.setattr(chunks, "prepare", lambda parcel, prepare=chunks.prepare: counted.append(1) or prepare(parcel))
+    assert main([*argv, "--quiet", "--scheduler", "local:2"]) == 0
+    after = contents(out)
+    assert counted and {str(name) for name in before if before[name] != after.get(name)} <= {"report.md", "report.html"}
+
+
+def test_a_second_process_in_the_folder_is_refused(searched, capsys):
+    out, argv, _ = searched
+    with alone(out):
+        assert main(argv) == 2
+    assert "no other process" in capsys.readouterr().err
+
+
 def test_other_settings_and_options_do_not_pass(searched, capsys):
     out, argv, _ = searched
     for more, words in (
         (["--set", "sweep.rollouts=20000"], "sweep.rollouts"),
         (["--samples", "7"], "sweep.rollouts=N"),
-        (["--process-id", "0", "--num-processes", "2"], "one process"),
+        (["--process-id", "0", "--num-processes", "2"], "--scheduler"),
     ):
         assert main([*argv, *more]) == 2
         assert words in capsys.readouterr().err

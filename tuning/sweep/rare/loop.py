@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 import agvjax
+from agvjax.evaluate import layout
 from agvjax.protocols import Law
 
 from ...config.settings import Config
@@ -37,6 +38,7 @@ def problem(  # long: two functions that share what was compiled
     law: Law,
     bounds: Mapping[str, float],
     tick: Callable[[int], None] = lambda vehicles: None,
+    devices: int | None = None,
 ) -> Problem:
     """What fails of a sweep with one law.
 
@@ -49,8 +51,9 @@ def problem(  # long: two functions that share what was compiled
         law: the controller.
         bounds: beyond which a run has failed, by metric.
         tick: called with the number of vehicles that were rolled out.
+        devices: of JAX, that share the work; None: all.
     """
-    rollout = functools.partial(_rollout, judge(config, plan, agvjax.check(law), tuple(bounds)))
+    rollout = functools.partial(_rollout, judge(config, plan, agvjax.check(law), tuple(bounds), devices))
     looking, climbing = jax.jit(rollout), jax.jit(functools.partial(_climb, rollout))
     limits = np.array(list(bounds.values()))
 
@@ -82,9 +85,13 @@ def _steepest(values: np.ndarray, slopes: np.ndarray, limits: np.ndarray) -> np.
     return np.asarray(slopes[:, first, np.arange(len(first))] / limits[first], float).T
 
 
-def judge(config: Config, plan: Design, law: Law, names: Sequence[str]) -> Judge:
-    """What makes `ok` and the named metrics (n,) of leaves (n, ...)."""
+def judge(config: Config, plan: Design, law: Law, names: Sequence[str], devices: int | None = None) -> Judge:
+    """What makes `ok` and the named metrics (n,) of leaves (n, ...).
+
+    Blocks are those that one device has, so that results hang on no number of `devices`.
+    """
     criteria = agvjax.Criteria.of(tuple(names), like=config.judged())
+    block = layout(BLOCK, None, 1)[1]
 
     def judged(leaves: Leaves) -> dict[str, Array]:
         lawful, values = plan.split(leaves)
@@ -92,6 +99,8 @@ def judge(config: Config, plan: Design, law: Law, names: Sequence[str]) -> Judge
             agvjax.batch(law, lawful) if lawful else law,
             agvjax.batch(plan.scenario, values) if values else plan.scenario,
             criteria=criteria,
+            block=block,
+            devices=devices,
             **config.timing("sweep"),
         )
         return {"ok": metrics.ok, **{name: metrics[name] for name in names}}

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
 
 import agvjax
 
 from ... import config as configuration
+from ...compute.jobs import Engine, Here
 from ...config.settings import Config
 from ...io import files
+from ...io.alone import alone
 from .. import verdict
 from ..design import Design, design
 from ..work import recorded
-from . import loop
-from .estimate import Drawn, Estimate, drawn, estimate
-from .mixture import Mixture
+from . import chunks, loop
+from .estimate import Drawn, Estimate, estimate
 from .prepare import Prepared, prepare
 from .problem import Problem, within
 from .rules import faults
 
-FOUND, DRAWS = "rare-search", "rare-draws"  # files: what was prepared; the draws, chunk by chunk
-REAL = ("cut", "probability", "variance", "pilot", "covered")  # numbers of what was prepared
+FOUND = "rare-search"  # the file of what was prepared
 SHOWN = 6  # most likely failures that are kept
-Arrays = dict[str, np.ndarray]
 Said = Callable[[str], None]
 Counted = Callable[[int], None]
 
@@ -59,7 +56,7 @@ class Point(NamedTuple):
     distance: float  # from the middle of the ensemble, in standard deviations of a normal number
     share: float  # of the estimated probability that lies about it, among the points found
     u: np.ndarray  # (D,)
-    leaves: Arrays
+    leaves: dict[str, np.ndarray]
     metrics: dict[str, float]
 
     @property
@@ -94,45 +91,55 @@ def posed(config: Config, tick: Counted = uncounted) -> Study:
     bounds = verdict.bounds_of(config, plan, judged, 1)
     text = configuration.dump(config, strict=False) + configuration.gains_table(config.controller)
     digest = hashlib.sha256(text.encode()).hexdigest()[:32]
-    return Study(config, plan, bounds, judged, loop.problem(config, plan, config.controller, bounds, tick), digest)
+    problem = loop.problem(config, plan, config.controller, bounds, tick)
+    return Study(config, plan, bounds, judged, problem, digest)
 
 
 def search(config: Config, folder: str | Path) -> Outcome:
     """Search, draw and estimate in a folder, new or with what an interrupted call left.
 
     Raises:
-        InputError: lists every bad setting.
+        InputError: lists every bad setting; or another process is at work in the folder.
     """
     asked = posed(configuration.check(config, faults))
     Path(folder).mkdir(parents=True, exist_ok=True)
-    return run(asked, Path(folder))
+    with alone(Path(folder), "folder"):
+        return run(asked, Path(folder))
 
 
-def run(asked: Study, folder: Path, say: Said = silent, tick: Counted = uncounted) -> Outcome:
+def run(
+    asked: Study,
+    folder: Path,
+    say: Said = silent,
+    tick: Counted = uncounted,
+    engine: Engine | None = None,
+    imports: Sequence[str] = (),
+) -> Outcome:
     """Search, draw, estimate; what the folder holds already is not done again.
 
     Args:
         asked: what.
         folder: where to keep it.
         say: is told what is done.
-        tick: called with the number of vehicles that the folder holds already.
+        tick: called with the number of vehicles that the folder holds already, or that others have rolled out.
+        engine: who rolls out the draws, None: this process; the search is this process's.
+        imports: files of classes of one's own, for workers.
+
+    Raises:
+        tuning.compute.jobs.WorkFailed: workers failed; what is kept is whole, and the same call goes on.
     """
     config, problem = asked.config, asked.problem
-    found = _read(folder / f"{FOUND}.npz", asked.digest)
+    found = chunks.read(folder / f"{FOUND}.npz", asked.digest)
     if found is None:
         say("looking for where vehicles fail")
         prepared = prepare(problem, config.sweep.rollouts, config.seed)
-        _write(folder / f"{FOUND}.npz", asked.digest, _arrays(prepared))
+        files.write(folder / f"{FOUND}.npz", chunks.packed(asked.digest, chunks.arrays(prepared)))
     else:
-        prepared = _prepared(found)
+        prepared = chunks.prepared_of(found)
         tick(prepared.spent)
     say("drawing there")
-    chunk, of_these = config.sweep.shard, asked._replace(digest=_digest(asked.digest, prepared))
-    chunks = [
-        _chunk(of_these, prepared, folder / f"{DRAWS}-{i:05d}.npz", first, min(chunk, prepared.draws - first), tick)
-        for i, first in enumerate(range(0, prepared.draws, chunk))
-    ]
-    draws = Drawn(*(np.concatenate(parts) for parts in zip(*chunks, strict=True)))
+    parcel = chunks.parcel(config, asked.bounds, prepared, _digest(asked.digest, prepared), imports)
+    draws = chunks.drawn_in(folder, chunks.jobs(parcel, problem), engine or Here(), tick)
     made = estimate(prepared, draws, problem.tail)
     points = _points(asked, prepared, draws) if made.failures else []
     return Outcome(prepared, draws, made, points, prepared.spent + rolled_out(draws))
@@ -141,18 +148,6 @@ def run(asked: Study, folder: Path, say: Said = silent, tick: Counted = uncounte
 def rolled_out(draws: Drawn) -> int:
     """How many of the draws were simulated."""
     return int(within(draws.u).sum())
-
-
-def _chunk(asked: Study, prepared: Prepared, path: Path, first: int, count: int, tick: Counted) -> Drawn:
-    """One chunk of draws, from its file or rolled out and kept."""
-    config, before = asked.config, _read(path, asked.digest)
-    if before is not None and set(before) == {"failed"} and before["failed"].shape == (count,):
-        u, plain = prepared.mixture.draw(config.seed, "estimate", first, count)
-        tick(count)
-        return Drawn(u, prepared.mixture.weights(u), before["failed"], plain)
-    made = drawn(asked.problem, prepared, config.seed, first, count)
-    _write(path, asked.digest, {"failed": made.failed})
-    return made
 
 
 def _points(asked: Study, prepared: Prepared, draws: Drawn) -> list[Point]:
@@ -185,31 +180,5 @@ def _points(asked: Study, prepared: Prepared, draws: Drawn) -> list[Point]:
 def _digest(digest: str, prepared: Prepared) -> str:
     """Of the draws that belong to what was prepared: on another machine it may be prepared to other digits."""
     return hashlib.sha256(
-        digest.encode() + b"".join(np.asarray(x).tobytes() for x in _arrays(prepared).values())
+        digest.encode() + b"".join(np.asarray(x).tobytes() for x in chunks.arrays(prepared).values())
     ).hexdigest()
-
-
-def _arrays(prepared: Prepared) -> dict[str, ArrayLike]:
-    mixture = {f"mixture/{name}": value for name, value in prepared.mixture._asdict().items()}
-    return mixture | {name: value for name, value in prepared._asdict().items() if name != "mixture"}
-
-
-def _prepared(arrays: Arrays) -> Prepared:
-    mixture = Mixture(arrays["mixture/points"], arrays["mixture/shares"], float(arrays["mixture/wide"]))
-    tried, draws, spent = (int(arrays[name]) for name in ("tried", "draws", "spent"))
-    cut, mean, variance, pilot, covered = (float(arrays[name]) for name in REAL)
-    return Prepared(mixture, cut, mean, variance, tried, pilot, covered, draws, spent)
-
-
-def _write(path: Path, digest: str, arrays: Mapping[str, ArrayLike]) -> None:
-    files.write_npz(path, {"digest": np.asarray(digest), **arrays})
-
-
-def _read(path: Path, digest: str) -> Arrays | None:
-    """What a file holds, every byte of it checked; None if it is absent, cut short, damaged or of other settings."""
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            arrays = {str(name): file[name] for name in file}  # zip knows a checksum of each
-        return arrays if str(arrays.pop("digest")) == digest else None
-    except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
-        return None
