@@ -10,10 +10,11 @@ from .. import config as configuration
 from ..identify import page
 from ..identify import run as room
 from ..identify.fit import ROUNDS
+from ..identify.overlay import overlay
 from ..identify.rules import faults
 from ..identify.task import task
 from ..io import files
-from ..io.logs import is_recording
+from ..io.logs import is_recording, runs
 from .folders import new_folder
 from .log import topics
 from .prepare import configure
@@ -30,6 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
     if not arguments.logs and not settings.drives:
         raise InputError([Fault("LOG.csv", "none", "given, or identify.drives above 0 for a drive to be suggested")])
+    if arguments.mcap is not None and not arguments.logs:
+        raise InputError([Fault("--mcap", arguments.mcap, "left out where no log is given to learn from")])
+    runs.check(arguments.mcap)
     posed, unseen = None, ()
     if arguments.logs:
         with console.phases() as phases:
@@ -47,6 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
                 result = room.identified(config, posed, unseen, tick)
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
                 good = result.conclusion.good
+                runs.write_tracks(arguments.mcap, overlay(posed.logs, result.fit))
                 more += f", go on with agvjax tune --config {out}/scenario.toml" if good else ""
     except InputError:
         out.rmdir()  # nothing was written yet

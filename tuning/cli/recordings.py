@@ -23,6 +23,7 @@ IDENTIFY = Command(
             help="recorded drives: CSV, or as `agvjax log` reads them; without any, a drive to record is suggested",
         ),
         many("--unseen", "LOG", "a drive to predict with what was identified"),
+        option("--mcap", metavar="FILE.mcap", help="also write log and model, for Foxglove or PlotJuggler"),
         *(*TOPICS, FIT),
     ),
 )

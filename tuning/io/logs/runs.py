@@ -1,4 +1,6 @@
-"""Simulated runs as an MCAP file of ROS 2's messages, for viewers: Foxglove, PlotJuggler, Rerun.
+"""Simulated runs, and drives beside what a model makes of them, as MCAP files of ROS 2's messages, for viewers.
+
+Foxglove, PlotJuggler and Rerun read them.
 
 Topics of a run: `odom`, `plan`, `reference`, `cmd_vel` where the law asks for a twist, numbers by name below `asked`,
 `delivered` and `error`; and `tf` of all runs. Of several runs each has its name in front of its topics and frames.
@@ -7,12 +9,13 @@ Topics of a run: `odom`, `plan`, `reference`, `cmd_vel` where the law asks for a
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 import agvjax
 from agvjax import Fault, InputError
@@ -23,6 +26,9 @@ from agvjax.protocols import Plant
 
 from ..files import write_by
 from .recording import Part
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 INSTALL = "pip install 'agvjax[viewer]'"
 MAP = "map"  # the frame that runs and their path lie in
@@ -57,36 +63,111 @@ def write(file: BinaryIO, runs: Mapping[str, agvjax.Trajectory], plant: Plant) -
     Times count from 0 s. Poses and velocities are those of the middle of the axle, of a plant without one those of its
     reference point; yaw rates are slopes of the heading. A number that is not finite is written as it is.
     """
-    from mcap.writer import Writer
+    types = _store().types
+    told = [_Run(types, f"{name}/" if name else "", run, plant) for name, run in runs.items()]
+    stamps = _stamps(next(iter(runs.values())).t)
+    _put(file, ((t, *one) for k, t in enumerate(stamps) for run in told for one in run.messages(k)))
+
+
+class Track(NamedTuple):
+    """Poses over time, and numbers beside them.
+
+    Attributes:
+        t: times (N,) [s].
+        pose: x, y [m] and heading [rad] (N, 3).
+        numbers: by topic, each (N,).
+    """
+
+    t: np.ndarray
+    pose: np.ndarray
+    numbers: Mapping[str, np.ndarray]
+
+
+def write_tracks(file: str | None, tracks: Mapping[str, Track]) -> None:
+    """Write tracks by name to a file that `check` accepted, in the order of their times; None: nowhere."""
+    if file is None:
+        return
+    types = _store().types
+    told = [_Tracked(types, f"{name}/", track) for name, track in tracks.items()]
+    rows = sorted((t, i, k) for i, one in enumerate(told) for k, t in enumerate(one.stamps))
+    write_by(Path(file), lambda stream: _put(stream, ((t, *one) for t, i, k in rows for one in told[i].messages(k))))
+
+
+def _store() -> Typestore:
     from rosbags.typesys import Stores, get_typestore
 
-    store, channels = get_typestore(Stores.ROS2_HUMBLE), dict[str, int]()
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def _put(file: BinaryIO, messages: Iterable[tuple[int, str, Part]]) -> None:
+    """Write messages with their times [ns] and topics."""
+    from mcap.writer import Writer
+
+    store, channels = _store(), dict[str, int]()
     writer = Writer(file)
     writer.start(profile="ros2", library=f"agvjax {agvjax.__version__}")
-    told = [_Run(store.types, f"{name}/" if name else "", run, plant) for name, run in runs.items()]
-    for k, t in enumerate(_stamps(next(iter(runs.values())))):
-        for topic, message in (one for run in told for one in run.messages(k)):
-            kind = message.__msgtype__
-            if topic not in channels:
-                text, _ = store.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            data = bytes(store.serialize_cdr(message, kind))
-            writer.add_message(channels[topic], log_time=t, publish_time=t, data=data)
+    for t, topic, message in messages:
+        kind = message.__msgtype__
+        if topic not in channels:
+            text, _ = store.generate_msgdef(kind, ros_version=2)
+            schema = writer.register_schema(kind, "ros2msg", text.encode())
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
+        data = bytes(store.serialize_cdr(message, kind))
+        writer.add_message(channels[topic], log_time=t, publish_time=t, data=data)
     writer.finish()
 
 
-def _stamps(run: agvjax.Trajectory) -> list[int]:
-    """Times [ns] of the samples."""
-    return [round(1e9 * t) for t in np.asarray(run.t, float).tolist()]
+def _stamps(t: ArrayLike) -> list[int]:
+    """Times [ns] of samples."""
+    return [round(1e9 * x) for x in np.asarray(t, float).tolist()]
 
 
-class _Run:
+class _Moving:
+    """Messages of what moves in the plane."""
+
+    def __init__(self, types: Mapping[str, Part], prefix: str, t: ArrayLike):
+        self.types = {kind.rpartition("/")[2]: made for kind, made in types.items()}
+        self.prefix, self.stamps = prefix, _stamps(t)
+
+    def placed(self, k: int, x: float, y: float, heading: float) -> tuple[str, Part]:
+        """Its frame in sample `k`."""
+        t, frame = self.types, f"{self.prefix}base_link"
+        moved = t["Transform"](t["Vector3"](x, y, 0.0), self._pose(x, y, heading).orientation)
+        return "/tf", t["TFMessage"]([t["TransformStamped"](self._header(k), frame, moved)])
+
+    def counted(self, k: int, numbers: Mapping[str, np.ndarray]) -> Iterator[tuple[str, Part]]:
+        """Numbers by topic in sample `k`."""
+        for name, values in numbers.items():
+            yield f"/{self.prefix}{name}", self.types["Float64"](float(values[k]))
+
+    def _header(self, k: int, frame: str = MAP) -> Part:
+        return self.types["Header"](self.types["Time"](*divmod(self.stamps[k], 10**9)), frame)
+
+    def _pose(self, x: float, y: float, heading: float) -> Part:
+        turn = self.types["Quaternion"](0.0, 0.0, float(np.sin(heading / 2)), float(np.cos(heading / 2)))
+        return self.types["Pose"](self.types["Point"](x, y, 0.0), turn)
+
+
+class _Tracked(_Moving):
+    """The messages of a track, which tells no speeds."""
+
+    def __init__(self, types: Mapping[str, Part], prefix: str, track: Track):
+        super().__init__(types, prefix, track.t)
+        self.track = track
+
+    def messages(self, k: int) -> Iterator[tuple[str, Part]]:
+        """Topics and messages of sample `k`."""
+        x, y, heading = self.track.pose[k].tolist()
+        yield self.placed(k, x, y, heading)
+        yield f"/{self.prefix}pose", self.types["PoseStamped"](self._header(k), self._pose(x, y, heading))
+        yield from self.counted(k, self.track.numbers)
+
+
+class _Run(_Moving):
     """The messages of one run, sample by sample."""
 
     def __init__(self, types: Mapping[str, Part], prefix: str, run: agvjax.Trajectory, plant: Plant):
-        self.types = {kind.rpartition("/")[2]: made for kind, made in types.items()}
-        self.prefix, self.stamps = prefix, _stamps(run)
+        super().__init__(types, prefix, run.t)
         self.heading, self.turning = np.asarray(run.heading, float), _yaw_rates(run)
         lever = float(plant.lever() or 0.0)
         turned = jnp.asarray(self.heading)
@@ -100,35 +181,26 @@ class _Run:
 
     def messages(self, k: int) -> Iterator[tuple[str, Part]]:
         """Topics and messages of sample `k`."""
-        t, frame, header = self.types, f"{self.prefix}base_link", self._header(k)
-        (x, y), (v, w) = self.position[k].tolist(), self.moving[k].tolist()
-        place, turned = self._pose(x, y, float(self.heading[k])), self._twist(v, w, float(self.turning[k]))
-        moved = t["Transform"](t["Vector3"](x, y, 0.0), place.orientation)
-        yield "/tf", t["TFMessage"]([t["TransformStamped"](header, frame, moved)])
-        unknown = np.zeros(36)
-        parts = t["PoseWithCovariance"](place, unknown), t["TwistWithCovariance"](turned, unknown)
-        yield f"/{self.prefix}odom", t["Odometry"](header, frame, *parts)
-        yield f"/{self.prefix}reference", t["PoseStamped"](header, self._pose(*self.wanted[k].tolist()))
+        t, (x, y), (v, w) = self.types, self.position[k].tolist(), self.moving[k].tolist()
+        heading, unknown = float(self.heading[k]), np.zeros(36)
+        yield self.placed(k, x, y, heading)
+        place = t["PoseWithCovariance"](self._pose(x, y, heading), unknown)
+        moving = t["TwistWithCovariance"](self._twist(v, w, float(self.turning[k])), unknown)
+        yield f"/{self.prefix}odom", t["Odometry"](self._header(k), f"{self.prefix}base_link", place, moving)
+        yield f"/{self.prefix}reference", t["PoseStamped"](self._header(k), self._pose(*self.wanted[k].tolist()))
         if k == 0:
             yield f"/{self.prefix}plan", self._plan()
         if self.command.shape[1] == TWIST:
             speed, yaw_rate = self.command[k].tolist()
-            yield f"/{self.prefix}cmd_vel", t["TwistStamped"](self._header(k, frame), self._twist(speed, 0.0, yaw_rate))
-        for name, values in self.numbers.items():
-            yield f"/{self.prefix}{name}", t["Float64"](float(values[k]))
+            header = self._header(k, f"{self.prefix}base_link")
+            yield f"/{self.prefix}cmd_vel", t["TwistStamped"](header, self._twist(speed, 0.0, yaw_rate))
+        yield from self.counted(k, self.numbers)
 
     def _plan(self) -> Part:
         """What the path asked for, thinned."""
         rows = self.wanted[:: -(-len(self.wanted) // PLANNED)].tolist()
         header = self._header(0)
         return self.types["Path"](header, [self.types["PoseStamped"](header, self._pose(*row)) for row in rows])
-
-    def _header(self, k: int, frame: str = MAP) -> Part:
-        return self.types["Header"](self.types["Time"](*divmod(self.stamps[k], 10**9)), frame)
-
-    def _pose(self, x: float, y: float, heading: float) -> Part:
-        turn = self.types["Quaternion"](0.0, 0.0, float(np.sin(heading / 2)), float(np.cos(heading / 2)))
-        return self.types["Pose"](self.types["Point"](x, y, 0.0), turn)
 
     def _twist(self, along: float, across: float, yaw_rate: float) -> Part:
         t = self.types
