@@ -35,7 +35,7 @@ SMALL = {  # enough to go all the way through
 # Run by tests of their own, at length; a page that stays open; processes that wait for each other, or for a cluster.
 ELSEWHERE = ("compare", "explore", "reproduce", "vehicles", "completion")
 BY_OTHERS = "docs/extending.md", "docs/fmu.md"  # tests/test_docs.py, tests/tuning/export/test_export_fmu.py
-APART = "--num-processes", "--coordinator", "--scheduler"
+APART = "--num-processes", "--coordinator", "--scheduler", "--evidence"
 
 
 def blocks(page):

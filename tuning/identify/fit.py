@@ -21,6 +21,7 @@ from .states import first_states
 
 SETTLED = 2  # steps in which the states of the stretches follow the parameters
 TRIALS, LAST = 40, 25  # evaluations of a search from one start, and of those that refine it
+EASE = 1e-12  # of the diagonal: what a log without noise tells may outweigh by 1e16 what it does not
 ROUNDS = 3  # of leaving out what fits too badly, and of weighing the channels by what is left
 FASTEST, SCANNED = 2 * np.pi, 60.0  # rad/s and s: where and in how much of the log a frequency is looked for
 SMALL = 5e-3  # of how far a channel moves within a stretch: less is no outlier, however little noise a log has
@@ -94,7 +95,7 @@ class Search:
         H, g = information(sums, self.parameters)[np.ix_(free, free)], (sums.slope.sum(axis=0) + off / width)[free]
         c = float(sums.cost.sum() + off[free] @ off[free])
         scale = np.sqrt(np.diag(H))
-        upper = np.linalg.cholesky(H / np.outer(scale, scale)).T
+        upper = np.linalg.cholesky(H / np.outer(scale, scale) + EASE * np.eye(len(g))).T
         r = np.linalg.solve(upper.T, g / scale)
         rest = np.sqrt(max(c - r @ r, 0.0))
         return np.append(r, rest), np.vstack([upper * scale, np.zeros(len(g))])
