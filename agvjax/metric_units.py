@@ -16,7 +16,7 @@ def units_in(scenario: Scenario) -> dict[str, str]:
     plant = scenario.plant
     asked = plant.command_units
     delivered = [plant.units.get(part, "") for name in plant.actuators for part in plant.parts(name)]
-    units = dict(PLAIN)
+    units = {name: row.unit for name, row in METRICS.items()}  # those of one's own metrics too, which come later
     for name, row in METRICS.items():
         if (row.field or name) in COMMANDED and row.channel is not None and row.channel < len(asked):
             units[name] = asked[row.channel]
