@@ -20,7 +20,15 @@ from tuning.io.logs import runs as runs_of_viewers
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
 SEARCH = [f"tune.search.{part}" for part in ("scouts=4", "starts=1", "iterations=1", "checks=0", "rounds=0")]
-TUNE = [*FAST, "ensemble.size=2", "ensemble.validation_size=2", "tune.iterations=1", "tune.screen=4", *SEARCH]
+TUNE = [
+    *FAST,
+    "criteria.late=0.5",
+    "ensemble.size=2",
+    "ensemble.validation_size=2",
+    "tune.iterations=1",
+    "tune.screen=4",
+    *SEARCH,
+]
 SMALL = {  # enough to go all the way through
     "simulate": FAST,
     "tune": TUNE,
@@ -148,6 +156,7 @@ def called(call):
     assert "Traceback" not in err, err
     if words[0] == "tune":
         out = words[words.index("--out") + 1]
+        assert os.path.isfile(f"{out}/gains.toml"), err
         for folder in {"tuned", "mine", "runs/tune-..."} - {out}:
             shutil.rmtree(folder)
             shutil.copytree(out, folder)
