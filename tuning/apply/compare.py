@@ -23,8 +23,6 @@ from ..tune.tuner import BLOCK
 from .decision import Limited
 
 PART = 500  # of the random numbers: other vehicles than those that were tuned, searched and validated on
-
-
 RUN = ("start.", "disturbance.phase")  # what differs from run to run, and is no part of a vehicle
 
 
@@ -45,8 +43,7 @@ def compare(config: Config, current: agvjax.Law, new: agvjax.Law, tick: Callable
     Raises:
         RuntimeError: every run diverges with the current gains.
     """
-    draws, settings = config.ensemble.draws, config.apply
-    batch = drawn(config)
+    settings, batch = config.apply, drawn(config)
     before, after = _judged(config, current, batch, tick), _judged(config, new, batch, tick)
     objective = requirements(config.tune, config.judged())
     baseline = objective.baseline_of(before)
@@ -55,13 +52,18 @@ def compare(config: Config, current: agvjax.Law, new: agvjax.Law, tick: Callable
     costs = runs.reshape(2, settings.vehicles, -1).mean(axis=2)  # a vehicle that diverges once has no finite one
     levels = [objective.levels_of(metrics, baseline)[len(objective.goals) :] for metrics in (before, after)]
     limits = [Limited(r.name, float(a), float(b)) for r, a, b in zip(objective.limits, *levels, strict=True)]
-    found, worst = _searched(config, (current, new), objective, weights, tick) if draws else ([], np.zeros((2, 0)))
+    found, worst = _searched(config, (current, new), objective, weights, tick)
     for i in range(len(found)):  # what was drawn may be worse than what the search found
         at = int(np.argmax(runs[i]))
         if runs[i, at] > worst[i, i]:
             worst[:, i] = runs[:, at]
             found[i] = {name: np.asarray(value)[at] for name, value in batch.values.items()}
     return Compared(objective, (before, after), costs, worst, found, limits)
+
+
+def vehicles_differ(config: Config) -> bool:
+    """Whether the ensemble draws anything of the vehicle, and not only where its runs begin."""
+    return any(not name.startswith(RUN) for name in config.ensemble.draws)
 
 
 def drawn(config: Config) -> agvjax.Batch:

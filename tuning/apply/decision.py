@@ -9,7 +9,6 @@ import numpy as np
 
 from ..config.settings import Apply
 
-HOLDS = 1e-3  # a limit counts as held up to a tenth of a percent, as in tuning
 SMALL = 1e-9  # of a cost: rounding
 
 
@@ -21,8 +20,11 @@ class Limited(NamedTuple):
     after: float
 
     def kept(self, slack: float) -> bool:
-        """Whether new gains hold it where current ones do, and else exceed it no further, both but for a `slack`."""
-        return bool(self.after <= (1 + slack) * (1.0 if self.before <= 1 + HOLDS else self.before))
+        """Whether new gains hold it, but for a `slack`; where the current ones exceed it by more, as far as these.
+
+        The slack is of the bound, so that it does not add up over many changes.
+        """
+        return bool(self.after <= max(1 + slack, self.before * (1 + SMALL)))
 
 
 class Decision(NamedTuple):

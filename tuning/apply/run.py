@@ -7,9 +7,13 @@ from typing import NamedTuple
 
 import agvjax
 
-from .compare import Compared, compare
+from .compare import Compared, compare, vehicles_differ
 from .decision import Decision, decide
 from .known import Known
+
+ALIKE = (
+    "the log leaves one vehicle alone, or none of its numbers is drawn: copies of one vehicle show nothing of others"
+)
 
 
 class Applied(NamedTuple):
@@ -36,7 +40,8 @@ def apply(
     Raises:
         RuntimeError: every run diverges with the current gains.
     """
-    if known.against:
-        return Applied(known, current, new, None, Decision(False, known.against, 0, 0, 0.0))
+    alike = () if vehicles_differ(known.config) else (ALIKE,)
+    if against := (*known.against, *alike):
+        return Applied(known, current, new, None, Decision(False, against, 0, 0, 0.0))
     found = compare(known.config, current, new, tick)
     return Applied(known, current, new, found, decide(found.costs, found.worst, found.limits, known.config.apply))

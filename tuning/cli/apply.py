@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -19,8 +20,8 @@ from ..identify.task import task
 from ..io import files
 from ..io.logs import is_recording
 from .console import Console
-from .folders import new_folder, of_run
-from .log import topics
+from .folders import begun_in, of_run
+from .log import reading
 from .prepare import configure, overrides
 
 
@@ -30,24 +31,20 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(wrong)
     new, current = of_run(arguments.new, page.ROBOT), of_run(arguments.over, page.ROBOT)
     contents = _bytes("--over", current), _bytes("NEW.toml", new)
-    wishes = {"identify.topics": topics(arguments.topics)} if arguments.topics else {}
-    wishes |= {"identify.stamps": arguments.stamps} if arguments.stamps else {}
-    wishes |= {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else {}
     around = [*arguments.config, *([str(Path(arguments.identified) / SCENARIO)] if arguments.identified else [])]
     given = argparse.Namespace(**{**vars(arguments), "config": [*around, new]})
-    config, console = configure(given, _rules if arguments.log else faults, wishes)
+    config, console = configure(given, _rules if arguments.log else faults, reading(arguments))
+    if arguments.identified:  # the vehicle is that of the log, whatever else the file of the new gains says
+        there = configuration.load(around, overrides(arguments), imports=arguments.imports, note=lambda text: None)
+        config = dataclasses.replace(config, scenario=there.scenario, ensemble=there.ensemble)
     law = _current([*around, current], arguments, config)
-    out = new_folder(arguments.out, arguments.command)
-    try:
+    named = Path(current).name, Path(new).name
+    named = named if named[0] != named[1] else (current, new)
+    with begun_in(arguments.out, arguments.command) as out:
         known = _known(console, arguments, config)
         with console.parts("comparing", 4) as tick:
             result = apply(known, law, config.controller, tick)
-    except BaseException:
-        out.rmdir()  # nothing was written yet
-        raise
-    named = Path(current).name, Path(new).name
-    named = named if named[0] != named[1] else (current, new)
-    text = page.write(config, result, named, contents, out)
+        text = page.write(config, result, named, contents, out)
     where = f"written to {out}: " + (f"{page.ROBOT} for the robot, {page.BACK}, " if result.decision.accepted else "")
     console.conclude(text, f"{where}{out}/report.html")
     return 0 if result.decision.accepted else 1

@@ -6,6 +6,8 @@ import itertools
 import os
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from agvjax import Fault, InputError
@@ -39,6 +41,22 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
     if config is not None:
         files.write(out / "config.toml", dump(config))
     return out
+
+
+@contextmanager
+def begun_in(name: str | None, command: str) -> Iterator[Path]:
+    """A new folder as of `new_folder`, which goes again where the command ends before anything stands in it.
+
+    A folder that was there before, empty, stays.
+    """
+    before = name is not None and Path(name).is_dir()
+    out = new_folder(name, command)
+    try:
+        yield out
+    except BaseException:  # an interrupt too
+        if not before and not any(out.iterdir()):
+            out.rmdir()
+        raise
 
 
 def not_empty(out: Path, command: str) -> InputError:

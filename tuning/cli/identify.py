@@ -15,17 +15,14 @@ from ..identify.rules import faults
 from ..identify.task import task
 from ..io import files
 from ..io.logs import is_recording, runs
-from .folders import new_folder
-from .log import topics
+from .folders import begun_in
+from .log import reading
 from .prepare import configure
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit the logs, judge, predict, suggest a drive; write report, estimates and the scenario to tune for."""
-    wishes = {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else {}
-    wishes |= {"identify.topics": topics(arguments.topics)} if arguments.topics else {}
-    wishes |= {"identify.stamps": arguments.stamps} if arguments.stamps else {}
-    config, console = configure(arguments, faults, wishes)
+    config, console = configure(arguments, faults, reading(arguments))
     settings = config.identify
     if arguments.unseen and not arguments.logs:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
@@ -41,9 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
             phase = phases.begin("reading", unit="messages" if bags else "rows")
             posed = task(arguments.logs, config, phase.advance)
             unseen = room.to_predict(arguments.unseen, config, posed, phase.advance)
-    out = new_folder(arguments.out, arguments.command)
     more, good = "", True
-    try:
+    with begun_in(arguments.out, arguments.command) as out:
         with console.parts("fitting", settings.drives + (settings.starts + ROUNDS + 1 if posed else 0)) as tick:
             if posed is None:
                 text = page.write_drive(room.first_drive(config, tick), out)
@@ -53,9 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
                 good = result.conclusion.good
                 runs.write_tracks(arguments.mcap, overlay(posed.logs, result.fit))
                 more += f", go on with agvjax tune --config {out}/scenario.toml" if good else ""
-    except InputError:
-        out.rmdir()  # nothing was written yet
-        raise
-    files.write(out / "config.toml", configuration.dump(config))
+        files.write(out / "config.toml", configuration.dump(config))
     console.conclude(text, f"written to {out}{more}")
     return 0 if good else 1

@@ -37,6 +37,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if {"pose", "command"} <= set(found) and not doubts else 1
 
 
+def reading(arguments: argparse.Namespace) -> dict[str, object]:
+    """What `--fit`, `--topics` and `--stamps` set, of commands that identify a vehicle from a recording."""
+    given: dict[str, object] = {}
+    if arguments.fit is not None:
+        given["identify.fit"] = arguments.fit.split(",")
+    if arguments.topics:
+        given["identify.topics"] = topics(arguments.topics)
+    if arguments.stamps:
+        given["identify.stamps"] = arguments.stamps
+    return given
+
+
 def topics(given: Sequence[str]) -> dict[str, str]:
     """By role a topic, of ROLE=TOPIC each.
 

@@ -10,24 +10,22 @@ from ..io.logs import is_recording
 from ..watch import page, watch
 from ..watch.rules import faults
 from ..watch.run import STARTS, asked
-from .folders import new_folder, of_run
-from .log import topics
+from .folders import begun_in, of_run
+from .log import reading
 from .prepare import configure
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the logs, hold them against what the gains were tuned for, say what comes of it; 1 unless still tuned."""
-    wishes = {"identify.topics": topics(arguments.topics)} if arguments.topics else {}
-    wishes |= {"identify.stamps": arguments.stamps} if arguments.stamps else {}
-    wishes |= {"identify.fit": arguments.fit.split(",")} if arguments.fit is not None else {}
     files = [of_run(name, "config.toml") for name in arguments.config]
-    config, console = configure(argparse.Namespace(**{**vars(arguments), "config": files}), faults, wishes)
+    given = argparse.Namespace(**{**vars(arguments), "config": files})
+    config, console = configure(given, faults, reading(arguments))
     with console.phases() as phases:
         phase = phases.begin("reading", unit="messages" if any(map(is_recording, arguments.logs)) else "rows")
         posed = task(arguments.logs, asked(config), phase.advance)
-    with console.parts("comparing", STARTS + ROUNDS + 2) as tick:
-        found = watch(config, posed, tick)
-    out = new_folder(arguments.out, arguments.command)
-    text = page.write(config, found, posed.logs, out)
+    with begun_in(arguments.out, arguments.command) as out:
+        with console.parts("comparing", STARTS + ROUNDS + 2) as tick:
+            found = watch(config, posed, tick)
+        text = page.write(config, found, posed.logs, out)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0 if found.told and not found.alarm else 1

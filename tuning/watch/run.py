@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from agvjax import Fault, InputError
+from agvjax.leaves import leaves
 
 from ..config.settings import Config, Watch
 from ..ensemble.draws import sample, uniform
@@ -76,7 +79,8 @@ def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda te
     The statistic is how far the numbers seem to have moved, by the slopes of the likelihood, in units of how far they
     seem to in `SCALED` simulated logs. Its rank among others that are simulated of these vehicles, with the same
     commands and the noise that the log's best fit leaves, is the chance of a false alarm: were the robot one of them,
-    every rank would be as likely, whatever the noise and however few the rows.
+    and its noise as that which is simulated, every rank would be as likely. A number of which the log can say nothing,
+    as of a threshold that no command goes beyond, is not watched, and told as such.
 
     Args:
         config: the scenario and the ensemble that the gains were tuned for.
@@ -86,32 +90,66 @@ def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda te
     Raises:
         agvjax.InputError: the commands do not explain the log, but would with another sign, unit or order.
     """
-    found = fit(posed, STARTS, config.identify.outlier, config.seed, tick)
+    vehicles = of_ensemble(config, posed.parameters)
+    there = np.array([reached(config, q, own) for q, own in zip(posed.parameters, vehicles.T, strict=True)])
+    if not there.any():
+        rule = "a log that says something of the numbers that are watched: no command goes beyond any threshold"
+        raise InputError([Fault("LOG", ", ".join(log.name for log in posed.logs), rule)])
+    found = fit(_only(posed, there), STARTS, config.identify.outlier, config.seed, tick)
     seen = slopes(found)
     tick("compared")
-    vehicles = drawn(config, found.parameters)
+    vehicles = allowed(config, found.parameters, vehicles[:, there])
     residuals = simulated(found, seen, vehicles, np.random.default_rng([config.seed, PART]))
     tick("simulated")
     own, others = seen.moved(seen.own[None])[0], seen.moved(residuals)
     spread = np.cov(vehicles.T).reshape(own.size, own.size)
     scaled = np.cov(others[:SCALED].T).reshape(own.size, own.size)  # none of those that the log is ranked among
     W = np.linalg.inv((1 - OWN) * scaled + OWN * (np.linalg.inv(seen.information) + spread))
-    return _judged(config, found, W, spread, own, others[SCALED:], residuals[SCALED:], seen.own[None])
+    judged = _judged(config, found, W, spread, own, others[SCALED:], residuals[SCALED:], seen.own[None])
+    blind = [_blind(config, q) for q, seen in zip(posed.parameters, there, strict=True) if not seen]
+    return judged._replace(numbers=(*judged.numbers, *blind))
 
 
-def drawn(config: Config, parameters: tuple[Parameter, ...]) -> np.ndarray:
-    """Vehicles (n, P) for which the gains count as tuned: those of the ensemble, and what is allowed about them."""
-    count, size = SCALED + config.watch.logs, len(parameters)
+def of_ensemble(config: Config, parameters: Sequence[Parameter]) -> np.ndarray:
+    """Vehicles (n, P) of the ensemble that the gains were tuned for."""
+    count = SCALED + config.watch.logs
     batch = sample(config.scenario, config.ensemble.draws, count, config.seed, PART)
-    own = [np.asarray(batch.values[q.name], float) if q.name in batch.names else q.nominal for q in parameters]
-    whole = np.column_stack([np.broadcast_to(x, (count,)) for x in own])
-    about = 2 * uniform(config.seed, "watch", count, size) - 1
-    whole += about * config.watch.allowed * sizes(parameters)
+    own = [np.asarray(batch.values[q.name], float) if q.name in batch.names else _tuned(config, q) for q in parameters]
+    return np.column_stack([np.broadcast_to(x, (count,)) for x in own])
+
+
+def _tuned(config: Config, q: Parameter) -> float:
+    """What the gains were tuned for; of an element that was added to be looked for, what it is there."""
+    there = leaves(config.scenario)
+    return float(there[q.name]) if q.name in there else q.nominal
+
+
+def reached(config: Config, q: Parameter, own: np.ndarray) -> bool:
+    """Whether a log can say of a number what it is: where it is looked for, all vehicles (n,) lie."""
+    near = abs(q.nominal - _tuned(config, q)) <= q.floor + 1e-9 * abs(q.nominal)
+    return bool(near and q.low <= own.min() and own.max() <= q.high)
+
+
+def _only(posed: Task, there: np.ndarray) -> Task:
+    """The task with these parameters alone."""
+    kept = np.flatnonzero(there)
+    names, parameters = (tuple(x[i] for i in kept) for x in (posed.model.names, posed.parameters))
+    return posed._replace(model=posed.model._replace(names=names), parameters=parameters)
+
+
+def _blind(config: Config, q: Parameter) -> Number:
+    tuned = _tuned(config, q)
+    return Number(q.name, q.unit, tuned, tuned, 0.0, np.inf, config.watch.seen * max(abs(tuned), q.floor), 0.0)
+
+
+def allowed(config: Config, parameters: Sequence[Parameter], vehicles: np.ndarray) -> np.ndarray:
+    """The vehicles (n, P) with what is allowed about each; a number that cannot be below 0 stays there."""
+    about = 2 * uniform(config.seed, "watch", *vehicles.shape) - 1
     low, high = np.array([(q.low, q.high) for q in parameters]).T
-    return np.clip(whole, low, high)
+    return np.clip(vehicles + about * config.watch.allowed * sizes(parameters), low, high)
 
 
-def sizes(parameters: tuple[Parameter, ...]) -> np.ndarray:
+def sizes(parameters: Sequence[Parameter]) -> np.ndarray:
     """What changes are shares of (P,): the numbers, or of those near 0 what is negligible of their kind."""
     return np.array([max(abs(q.nominal), q.floor) for q in parameters])
 

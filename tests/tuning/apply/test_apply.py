@@ -1,5 +1,6 @@
 """`agvjax apply`: both sets of gains on the same vehicles, files for the robot or none, and what it does not take."""
 
+import dataclasses
 import json
 from types import SimpleNamespace
 
@@ -157,6 +158,14 @@ def test_nothing_is_simulated_for_a_log_that_tells_nothing():
     assert "does not tell" in page.verdict(found)
 
 
+def test_copies_of_one_vehicle_show_nothing_of_others():
+    config = problem()
+    config = dataclasses.replace(config, ensemble=Ensemble(draws={"start.heading": Between(-0.1, 0.1)}))
+    found = apply(Known(config, "good", (), ("a.csv",)), Spring(k=4.0, c=4.0), Spring(k=9.0, c=6.0))
+    assert not found.decision.accepted and found.compared is None
+    assert "one vehicle" in page.verdict(found)
+
+
 # ---- the command line
 
 
@@ -195,7 +204,7 @@ def test_gains_are_refused_with_a_reason_and_exit_code_1(files):
         (lambda line, f: [*line, "--identified", str(f.found), "--log", "day.csv"], "--log"),
         (
             lambda line, f: [*line, "--log", str(f.folder / "none.csv"), "--config", str(f.found / "scenario.toml")],
-            "no",
+            "none.csv",
         ),
     ],
 )
@@ -208,3 +217,25 @@ def test_a_folder_that_says_nothing_of_a_log_is_bad_input(files, capsys):
     (files.found / "estimates.json").write_text("{}")
     assert main([*files.line, "--identified", str(files.found)]) == 2
     assert "estimates.json" in capsys.readouterr().err and not (files.folder / "out").exists()
+
+
+def test_an_empty_folder_of_the_user_stays(files):
+    (files.found / "estimates.json").write_text("{}")
+    (files.folder / "out").mkdir()
+    assert main([*files.line, "--identified", str(files.found)]) == 2
+    assert list((files.folder / "out").iterdir()) == []
+
+
+def test_the_vehicle_is_that_of_the_log_and_not_that_of_the_file_of_the_new_gains(files):
+    """A run of `tune` leaves the vehicle that it tuned for beside its gains: that is not the one on the floor."""
+    with (files.folder / "new.toml").open("a") as stream:
+        stream.write('[scenario.plant]\ntype = "base"\ntrack = 0.9\n[ensemble.draws]\n')
+        stream.write('"plant.track" = { between = [0.8, 1.0] }\n')
+    found = (files.found / "scenario.toml").read_text()
+    draws = '[ensemble.draws]\n"plant.track" = { between = [0.45, 0.55] }\n'
+    (files.found / "scenario.toml").write_text(
+        found.replace('plant = "base"', 'plant = { type = "base", track = 0.5 }') + draws
+    )
+    assert main([*files.line, "--identified", str(files.found)]) == 1
+    there = configuration.load([str(files.folder / "out" / "config.toml")], [])
+    assert there.scenario.plant.track == 0.5 and there.ensemble.draws["plant.track"] == Between(0.45, 0.55)

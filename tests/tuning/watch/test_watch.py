@@ -13,7 +13,17 @@ from tuning.identify.parameters import Parameter
 from tuning.watch import page
 from tuning.watch.residuals import Slopes, steps
 from tuning.watch.rules import faults, watched
-from tuning.watch.run import Number, Watched, critical, distance_of, drawn, least_seen, sizes
+from tuning.watch.run import (
+    Number,
+    Watched,
+    allowed,
+    critical,
+    distance_of,
+    least_seen,
+    of_ensemble,
+    reached,
+    sizes,
+)
 
 NONE = np.zeros(0)
 
@@ -97,16 +107,38 @@ def test_what_is_watched_is_of_the_vehicle_and_there():
 
 
 def test_vehicles_for_which_gains_count_as_tuned_are_a_little_about_those_of_the_ensemble():
-    config = base("watch.logs=500", 'ensemble.draws."plant.track"={between=[0.4,0.6]}')
+    config = base("watch.logs=500")
     track = Parameter("plant.track", "m", 0.5, 0.01, 10.0, 0.5, 0.0)
     fixed = Parameter("plant.acceleration_of_none", "1", 2.0, 0.0, 10.0, 1.0, 0.0)
     small = Parameter("nought", "1", 0.0, -1.0, 1.0, 1.0, 0.006)
-    whole = drawn(config, (track, fixed, small))
-    assert whole.shape == (600, 3)  # and a hundred by which distances are measured
-    assert 0.4 - 0.01 <= whole[:, 0].min() < 0.405 and 0.595 < whole[:, 0].max() <= 0.6 + 0.01
-    assert 1.96 <= whole[:, 1].min() < 1.962 and 2.038 < whole[:, 1].max() <= 2.04  # 2 % about 2
-    assert 0.9 * 0.02 * 0.006 < np.abs(whole[:, 2]).max() <= 0.02 * 0.006
+    drawn = np.column_stack([np.linspace(0.4, 0.6, 600), np.full(600, 2.0), np.zeros(600)])
+    about = allowed(config, (track, fixed, small), drawn) - drawn
+    assert 0.9 * 0.01 < np.abs(about[:, 0]).max() <= 0.01  # 2 % of .5 m
+    assert -0.04 <= about[:, 1].min() < -0.038 and 0.038 < about[:, 1].max() <= 0.04  # 2 % of 2
+    assert 0.9 * 0.02 * 0.006 < np.abs(about[:, 2]).max() <= 0.02 * 0.006
     np.testing.assert_allclose(sizes((track, fixed, small)), [0.5, 2.0, 0.006])
+
+
+def test_the_vehicles_are_those_of_the_ensemble_and_a_number_without_draws_is_the_scenarios():
+    config = base("watch.logs=500", 'ensemble.draws."plant.track"={between=[0.4,0.6]}', "scenario.plant.left=0.3")
+    track = Parameter("plant.track", "m", 0.5, 0.01, 10.0, 0.5, 0.0)
+    sensor = Parameter("plant.left", "m", 0.0, -5.0, 5.0, 0.1, 0.005)
+    whole = of_ensemble(config, (track, sensor))
+    assert whole.shape == (600, 2)  # and a hundred by which distances are measured
+    assert 0.4 <= whole[:, 0].min() < 0.405 and 0.595 < whole[:, 0].max() <= 0.6
+    assert (whole[:, 1] == 0.3).all()
+
+
+def test_a_number_that_the_log_cannot_reach_is_not_watched():
+    """A threshold of .06 in a log whose commands end at .05: there it is looked for up to .05 only."""
+    config = base()
+    wide = Parameter("deadzone.left.threshold_right", "m/s", 0.06, 0.0, 0.5, 0.1, 0.005)
+    cut = wide._replace(nominal=0.05, high=0.05)
+    tuned = np.full(600, 0.06)
+    assert reached(config, wide, tuned) and not reached(config, cut, tuned)
+    assert not reached(config, wide._replace(high=0.065), np.linspace(0.05, 0.07, 600))
+    late = Parameter("actuators.left.delay.time", "s", 3e-5, 0.0, 0.3, 0.1, 0.01)  # none is assumed, looked for near 0
+    assert reached(base("scenario.actuators.left.delay.time=0.0"), late, np.zeros(600))
 
 
 def number(name, seen, wanted, explains=0.1, tuned=0.06):
