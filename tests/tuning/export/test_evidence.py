@@ -95,6 +95,20 @@ def test_right_code_passes_and_every_branch_is_taken(small, tmp_path):
 
 
 @needs_gcc
+def test_a_law_that_amplifies_rounding_agrees_step_by_step(tmp_path):
+    """OSFC every 50 ms: in C and in JAX the same drive is 1e-8 apart after 23 steps."""
+    law = dataclasses.replace(SMALL, period=0.05)
+    (tmp_path / "gains.toml").write_text(gains_table(law))
+    found = artefact.read(str(tmp_path / "gains.toml"))
+    step = program.step(found.controller)
+    subject = collect.subject_of(found, "law", c.library(found, step, "law"))
+    drive = rows.drive(rows.usual(found, step, subject.layout))
+    done = beside_jax.check(subject, bench(tmp_path, subject), drive, rows.by_jax(found, subject.layout, drive))
+    assert done.verdict == check.PASSED, done.findings
+    assert done.figures["driven"] == 32 and done.figures["worst"] < 1e-12
+
+
+@needs_gcc
 def test_a_branch_that_no_row_takes_is_named_by_file_and_line(small, tmp_path):
     text = small.subject.texts["law.c"]
     dead = "    if (output->limited > 1) {\n        output->limited = 1;\n    }\n#ifdef LAW_FLOAT"
@@ -238,7 +252,6 @@ def changed(text, span, new):
 
 @needs_gcc
 @pytest.mark.slow
-@needs_gcc
 def test_a_law_that_predicts_agrees_with_jax_on_huge_numbers_too(tmp_path):
     """Compiled, JAX overflows elsewhere on three rows: those are compared operation by operation."""
     zones = agvjax.Unicycle().deadzones()
@@ -249,6 +262,7 @@ def test_a_law_that_predicts_agrees_with_jax_on_huge_numbers_too(tmp_path):
     assert done.verdict == check.PASSED and done.findings == ()
 
 
+@needs_gcc
 @pytest.mark.slow
 def test_of_twenty_planted_defects_at_least_nineteen_are_caught(tmp_path):
     """Four of each kind, drawn at random; by the checks that read the C, without those of style."""

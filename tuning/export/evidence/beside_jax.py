@@ -1,4 +1,4 @@
-"""The exported step beside the JAX step that it was written from, on all rows and along a drive."""
+"""The exported step beside the JAX step that it was written from, on all rows and along a drive of the exported one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import STRICT, Subject, compiled, ran
-from .rows import FIRST, HUGE, ON, STEP, USUAL, Wanted, by_jax, strange
+from .rows import FIRST, HUGE, ON, STEP, USUAL, Wanted, by_jax, strange, unrolled
 
 TOLERANCE = 1e-10  # of the largest number of a row or 1, of rows of numbers that a robot can have
 
@@ -22,10 +22,20 @@ def check(subject: Subject, bench: Bench, rows: np.ndarray, wanted: Wanted) -> C
         made, said = ran(bench, subject, rows, "./usual")
         if made is None:
             return "it does not run", {}, [said[:300]]
-        return compared(made, step_by_step(subject, made, wanted, rows), rows, strange(subject.layout, rows))
+        steps = unrolled(subject.layout, rows, made)
+        theirs = step_by_step(subject, made, driven(subject, steps, wanted, rows), steps)
+        return compared(made, theirs, rows, strange(subject.layout, rows))
 
     asks = f"status and `limited` are those of JAX on every row, and numbers to {TOLERANCE:g} on rows of usual size"
     return judged("beside_jax", asks, ["gcc"], bench, subject.texts, look)
+
+
+def driven(subject: Subject, steps: np.ndarray, wanted: Wanted, rows: np.ndarray) -> Wanted:
+    """The same, of a drive's steps from the states that the exported code had."""
+    numbers, flags, of_drive = wanted.numbers.copy(), wanted.flags.copy(), rows[:, 0] == ON
+    if of_drive.any():
+        numbers[of_drive], flags[of_drive] = by_jax(subject.artefact, subject.layout, steps[of_drive])
+    return Wanted(numbers, flags)
 
 
 def step_by_step(subject: Subject, made: np.ndarray, wanted: Wanted, rows: np.ndarray) -> Wanted:
@@ -71,6 +81,6 @@ def compared(made: np.ndarray, wanted: Wanted, rows: np.ndarray, odd: np.ndarray
             for i in np.flatnonzero(differs)
         ]
     worst = float(away[usual].max(initial=0.0))
-    driven = int((rows[:, 0] == ON).sum())
-    figures = {"rows": len(rows), "usual": int(usual.sum()), "driven": driven, "worst": worst, "tolerance": TOLERANCE}
-    return f"{len(rows)} rows, {driven} of them of a drive: largest deviation {worst:.1e}", figures, found
+    steps = int((rows[:, 0] == ON).sum())
+    figures = {"rows": len(rows), "usual": int(usual.sum()), "driven": steps, "worst": worst, "tolerance": TOLERANCE}
+    return f"{len(rows)} rows, {steps} of them of a drive: largest deviation {worst:.1e}", figures, found

@@ -94,6 +94,17 @@ def drive(usual: np.ndarray) -> np.ndarray:
     return np.concatenate([[_with(rows[0], 0, START)], rows])
 
 
+def unrolled(layout: Layout, rows: np.ndarray, made: np.ndarray) -> np.ndarray:
+    """A drive's steps, each from the state that `made`, the results of the rows, has after the row before.
+
+    A law that amplifies rounding drives apart from itself: what is compared are its steps.
+    """
+    rows, driven = rows.copy(), np.flatnonzero(rows[:, 0] == ON)
+    begin, count = len(FIRST) + len(layout.columns["gains"]), len(layout.columns["state"])
+    rows[driven, 0], rows[driven, begin : begin + count] = STEP, made[driven - 1, :count]
+    return rows
+
+
 def broken(layout: Layout, usual: np.ndarray) -> np.ndarray:
     """Each number of state, measurement and reference in turn NaN, infinite, huge; starts with such ones."""
     first = len(FIRST) + len(layout.columns["gains"])
@@ -148,19 +159,21 @@ class Wanted(NamedTuple):
 
 
 def by_jax(artefact: Artefact, layout: Layout, rows: np.ndarray) -> Wanted:
-    """Results of the same steps and starts in JAX, of the law itself with its own routes, in double precision."""
+    """Results of the same steps and starts in JAX, of the law itself with its own routes, in double precision.
+
+    A step of a drive begins in the state that stands in its row: `unrolled` rows have the right one there.
+    """
     law, laid = artefact.controller, routes(artefact)
     state, seen, asked = program.examples(law)
-    begun, numbers, flags = None, [], []
+    numbers, flags = [], []
     for row in rows:
         parts = layout.split(row)
         controller, measurement = _tree(law, parts["gains"]), _tree(seen, parts["measurement"])
         given = tables.to_follow(laid[int(row[1])]) if laid else _tree(asked, parts["reference"])
-        before = begun if row[0] == ON and begun is not None else _tree(state, parts["state"])
         if row[0] == START:
             begun, inputs, flag = _start(controller, measurement, given), np.zeros(_inputs(layout)), (0.0, 0.0)
         else:
-            made = vectors.step(controller, before, measurement, given)
+            made = vectors.step(controller, _tree(state, parts["state"]), measurement, given)
             begun, inputs = made["state"], flat(made["inputs"])
             status = 1.0 if made["status"]["not_finite"] else 2.0 * float(made["status"]["started"])
             flag = float(made["limited"]["limited"]), status
