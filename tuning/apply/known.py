@@ -12,11 +12,9 @@ from agvjax import Fault, InputError
 
 from ..config.settings import Config
 from ..identify.fit import Task
-from ..identify.posterior import posterior
+from ..identify.posterior import ESTIMATES, SCENARIO, posterior
 from ..identify.run import Tick, identified
 from ..io import files
-
-ESTIMATES, SCENARIO = "estimates.json", "scenario.toml"
 
 
 class Known(NamedTuple):

@@ -77,7 +77,7 @@ def verdict(result: Applied) -> str:
         f"**Accepted.** Of {decision.vehicles} vehicles that the log leaves possible the new gains are worse on"
         f" {decision.worse}: with {asked.confidence:.0%} confidence they are not worse{by} on {decision.least:.1%} of"
         f" all such vehicles. Nor are they on the vehicles worst found for either, and the limits are kept. On average"
-        f" the goal changes by {change:+.1%}."
+        f" the weighted goals change by {change:+.1%}."
     )
 
 

@@ -11,11 +11,12 @@ from agvjax.protocols import Law
 
 from .. import config as configuration
 from ..apply import apply, page
-from ..apply.known import SCENARIO, Known, of_folder, of_log
+from ..apply.known import Known, of_folder, of_log
 from ..apply.rules import faults
 from ..config import Config
 from ..identify import rules as of_logs
 from ..identify.fit import ROUNDS
+from ..identify.posterior import SCENARIO
 from ..identify.task import task
 from ..io import files
 from ..io.logs import is_recording

@@ -11,6 +11,7 @@ from ..identify import page
 from ..identify import run as room
 from ..identify.fit import ROUNDS
 from ..identify.overlay import overlay
+from ..identify.posterior import SCENARIO
 from ..identify.rules import faults
 from ..identify.task import task
 from ..io import files
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
                 good = result.conclusion.good
                 runs.write_tracks(arguments.mcap, overlay(posed.logs, result.fit))
-                more += f", go on with agvjax tune --config {out}/scenario.toml" if good else ""
+                more += f", go on with agvjax tune --config {out}/{SCENARIO}" if good else ""
         files.write(out / "config.toml", configuration.dump(config))
     console.conclude(text, f"written to {out}{more}")
     return 0 if good else 1

@@ -19,7 +19,7 @@ from .coverage import Covered
 from .excitation import Drive
 from .left import against
 from .log import in_files
-from .posterior import posterior
+from .posterior import ESTIMATES, SCENARIO, posterior
 from .run import Identified
 from .verdict import FitVerdict
 
@@ -63,8 +63,8 @@ def write(config: Config, result: Identified, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
     fit, verdict = result.fit, result.verdict
     tuned = posterior(config, fit, verdict)
-    files.write(out / "scenario.toml", configuration.dump(tuned))
-    files.write_json(out / "estimates.json", estimates(result))
+    files.write(out / SCENARIO, configuration.dump(tuned))
+    files.write_json(out / ESTIMATES, estimates(result))
     drawn: dict[str, Drawing] = {
         "residuals": lambda: figures.residuals(fit, verdict),
         "paths": lambda: figures.paths(result.task, fit),

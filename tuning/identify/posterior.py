@@ -17,6 +17,7 @@ from .verdict import Estimate, FitVerdict
 
 TAIL = 4.0  # standard deviations from its bound within which a parameter's distribution is cut off there
 SHRUNK = 1e-3  # by which correlations are drawn towards 0, so that their matrix has a factor
+SCENARIO, ESTIMATES = "scenario.toml", "estimates.json"  # of a run of `agvjax identify`: this problem, and why
 CHANNELS = {"position": ("x", "y"), "velocity": ("vx", "vy"), "heading": ("heading",), "yaw_rate": ("yaw_rate",)}
 
 

@@ -13,6 +13,7 @@ from ..identify.left import against, left
 from ..identify.log import Log
 from ..identify.verdict import advice
 from ..io import files
+from ..io.csv_file import KINDS
 from ..io.files import Json
 from ..io.pages import grid, picture, publish
 from ..io.pictures import write_figures
@@ -24,7 +25,6 @@ CAPTION = (
     " they were tuned for, with the same commands; right how much of that each number alone explains."
 )
 STEPS, METHOD = "One step ahead", "How this is told"
-UNITS = {"heading": "rad", "yaw_rate": "rad/s", "steering_angle": "rad", "x": "m", "y": "m"}
 HOW = (
     "The log is cut into stretches; in each the model that the gains were tuned for is given the commands and begins"
     " where it fits best. What is left has slopes by every number that is watched. How far these say that the numbers"
@@ -107,7 +107,7 @@ def page(config: Config, found: Watched, logs: list[str], doubts: list[str]) -> 
     header = ["number", "tuned for", "+-", "seems now, alone", "explains", "least change seen", "unit"]
     low, high = np.quantile(found.others_steps, [0.025, 0.975], axis=0)
     ahead = [
-        [c, f"{own:.3g}", f"{a:.3g} to {b:.3g}", UNITS.get(c, "m/s")]
+        [c, f"{own:.3g}", f"{a:.3g} to {b:.3g}", KINDS[c].split()[0]]
         for c, own, a, b in zip(found.fit.model.channels, found.steps, low, high, strict=True)
     ]
     method = HOW.format(logs=config.watch.logs, alarms=config.watch.false_alarms, allowed=config.watch.allowed)
