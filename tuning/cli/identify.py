@@ -14,8 +14,8 @@ from ..identify.overlay import overlay
 from ..identify.posterior import SCENARIO
 from ..identify.rules import faults
 from ..identify.task import task
-from ..io import files
-from ..io.logs import is_recording, runs
+from ..io import files, viewers
+from ..io.logs import is_recording
 from .folders import begun_in
 from .log import reading
 from .prepare import configure
@@ -29,9 +29,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError([Fault("--unseen", arguments.unseen[0], "left out where no log is given to learn from")])
     if not arguments.logs and not settings.drives:
         raise InputError([Fault("LOG.csv", "none", "given, or identify.drives above 0 for a drive to be suggested")])
-    if arguments.mcap is not None and not arguments.logs:
-        raise InputError([Fault("--mcap", arguments.mcap, "left out where no log is given to learn from")])
-    runs.check(arguments.mcap)
+    asked = viewers.asked(arguments)
+    for kind, file in asked._asdict().items():
+        if file is not None and not arguments.logs:
+            raise InputError([Fault(f"--{kind}", file, "left out where no log is given to learn from")])
     posed, unseen = None, ()
     if arguments.logs:
         with console.phases() as phases:
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
                 result = room.identified(config, posed, unseen, tick)
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
                 good = result.conclusion.good
-                runs.write_tracks(arguments.mcap, overlay(posed.logs, result.fit))
+                viewers.write_tracks(asked, overlay(posed.logs, result.fit))
                 more += f", go on with agvjax tune --config {out}/{SCENARIO}" if good else ""
         files.write(out / "config.toml", configuration.dump(config))
     console.conclude(text, f"written to {out}{more}")

@@ -29,12 +29,15 @@ SHARED = (
     option("--num-processes", type=integer, metavar="N", help="number of processes that share the work (default: 1)"),
     option("--process-id", type=integer, metavar="K", help="index of this process, from 0 (default: 0)"),
 )
-MCAP = option("--mcap", metavar="FILE.mcap", help="also write what is drawn for Foxglove, PlotJuggler or Rerun")
+VIEWERS = (
+    option("--mcap", metavar="FILE.mcap", help="also write what is drawn for Foxglove or PlotJuggler"),
+    option("--rerun", metavar="FILE.rrd", help="also write what is drawn for Rerun"),
+)
 SIMULATE = Command(
     "simulate one vehicle; write trajectory, metrics, figures",
     (
         flag("--animate", "animate the run: animation.gif"),
-        MCAP,
+        *VIEWERS,
         option("--from", dest="sweep", metavar="DIR", help="take a vehicle from this sweep, with its controller"),
         option("--index", type=integer, metavar="N", help="which vehicle of the sweep"),
         option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
@@ -50,7 +53,7 @@ TUNE = Command(
             help="start from Nav2's parameters of regulated pure pursuit; write tuned ones",
         ),
         option("--controller", metavar="ID", help="which of its controllers, if it has several"),
-        MCAP,
+        *VIEWERS,
         option(
             "--coordinator",
             metavar="HOST:PORT",

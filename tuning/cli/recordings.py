@@ -24,6 +24,7 @@ IDENTIFY = Command(
         ),
         many("--unseen", "LOG", "a drive to predict with what was identified"),
         option("--mcap", metavar="FILE.mcap", help="also write log and model, for Foxglove or PlotJuggler"),
+        option("--rerun", metavar="FILE.rrd", help="also write log and model, for Rerun"),
         *(*TOPICS, FIT),
     ),
 )

@@ -14,8 +14,7 @@ from ..compute.memory import too_much
 from ..config import mapped, whereabouts
 from ..config.rules import checked, faults, timing_faults, vehicle_faults
 from ..config.settings import Config
-from ..io import files
-from ..io.logs import runs
+from ..io import files, viewers
 from ..io.pictures import Drawing, write_figures
 from ..sweep.replay import retimed, vehicle
 from .console import Console, RunFailed
@@ -28,7 +27,7 @@ NUMBERS = 60  # about so many are kept of one sample, copies among them
 
 def run(arguments: argparse.Namespace) -> int:
     """Roll the configured vehicle out; write trajectory, metrics, figures and the resolved configuration."""
-    runs.check(arguments.mcap)
+    recordings = viewers.asked(arguments)
     of_sweep = (arguments.sweep, arguments.index, arguments.controller) != (None, None, None)
     config, console = configure(arguments, _settings if of_sweep else _rules)
     if of_sweep:
@@ -47,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.note(text)
     if arguments.animate:
         _animate(console, out, trajectory)
-    runs.write_new(arguments.mcap, {"": trajectory}, config.scenario.plant)
+    viewers.write_runs(recordings, {"": trajectory}, config.scenario.plant)
     where = f"written to {out}: every metric in metrics.json, figures, trajectory.npz"
     console.conclude(brief(of_metrics, config.scenario), where)
     if not trajectory.ok:

@@ -12,7 +12,7 @@ import jax
 from ..compute import processes
 from ..compute.compiled import meanwhile
 from ..config import Config
-from ..io.logs import runs
+from ..io import viewers
 from ..tune import page, populations
 from ..tune.checkpoint import CHECKPOINT, Recorder
 from ..tune.judge import judge
@@ -28,7 +28,7 @@ from .prepare import configure, warn
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune the configured gains over the configured ensemble; write gains, history, report and checkpoint."""
-    runs.check(arguments.mcap)
+    recordings = viewers.asked(arguments)
     params = ParameterFile.given(arguments)
     config, console = configure(arguments, faults, params.settings() if params else None, moving)
     problem = pose(config)
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
                 verdict = judge(outcome)
                 phases.begin("drawing")
                 appendix = params.write(outcome.controller, config, out) if params else ""
-                text = page.write(outcome, verdict, out, appendix, arguments.mcap)
+                text = page.write(outcome, verdict, out, appendix, recordings)
         console.conclude(text, f"gains, report and figures written to {out}; begin with {out}/report.html")
     if verdict.failure:
         raise RunFailed(verdict.failure)

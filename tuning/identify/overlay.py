@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..io.logs.runs import Track
+from ..io.viewers import Track
 from .fit import Fit
 from .log import POSE, Log
 
@@ -29,7 +29,7 @@ def _measured(log: Log) -> Track:
     pose = np.column_stack([log.measured[name] for name in POSE])
     known = np.isfinite(pose).all(axis=1)
     sent = {f"sent/{name}": x[known] for name, x in zip(log.sent.names, log.sent.values.T, strict=True)}
-    return Track(log.t[known], pose[known], sent)
+    return Track(log.t[known], pose[known], sent, {})
 
 
 def _predicted(log: Log, fit: Fit, which: int) -> Track:
@@ -41,4 +41,4 @@ def _predicted(log: Log, fit: Fit, which: int) -> Track:
     off = np.where(segments.weight[there][:, places] > 0, off, np.nan)
     order = np.argsort(rows, kind="stable")
     errors = {"error/position": np.hypot(off[:, 0], off[:, 1])[order], "error/heading": off[order, 2]}
-    return Track(log.t[rows[order]], pose[order], errors)
+    return Track(log.t[rows[order]], pose[order], errors, {"error/position": "m", "error/heading": "rad"})

@@ -17,8 +17,7 @@ from ..config import mapped
 from ..config.names import in_words
 from ..config.settings import FOLLOWED_METRICS, LATE, Config
 from ..ensemble.worst import statement
-from ..io import files
-from ..io.logs import runs
+from ..io import files, viewers
 from ..io.pages import grid, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from ..io.statements import worst_of
@@ -259,8 +258,8 @@ def _run(config: Config, law: agvjax.Law, scene: agvjax.Scenario) -> agvjax.Traj
     return mapped.drawn(run, scene)
 
 
-def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "", recording: str | None = None) -> str:
-    """Report, figures, `worst.json`, and the `recording` of the nominal run; returns what a terminal has room for."""
+def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, recordings: viewers.Asked) -> str:
+    """Report, figures, `worst.json`, and `recordings` of the nominal run; returns what a terminal has room for."""
     config, tuner = outcome.problem.config, outcome.problem.tuner
     files.write_json(out / "worst.json", _worst(outcome, verdict))
     scenes = {"nominal": ("nominal scenario", config.scenario)}
@@ -270,7 +269,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str = "",
     for name, (title, scene) in scenes.items():
         before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
         if name == "nominal":
-            runs.write_new(recording, {"before": before, "after": after}, config.scenario.plant)
+            viewers.write_runs(recordings, {"before": before, "after": after}, config.scenario.plant)
         drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)

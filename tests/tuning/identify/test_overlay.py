@@ -7,7 +7,8 @@ import numpy as np
 from tuning.cli.main import main
 from tuning.identify.log import Log
 from tuning.identify.overlay import overlay
-from tuning.io.logs import read, runs
+from tuning.io.logs import read
+from tuning.io.viewers import Asked, write_tracks
 
 
 def logged():
@@ -47,7 +48,7 @@ def test_the_model_is_what_was_measured_less_what_is_left_and_drawn_where_nothin
 def test_both_are_read_back_from_the_file(tmp_path):
     log, fit = logged()
     file = tmp_path / "overlay.mcap"
-    runs.write_tracks(str(file), overlay([log], fit))
+    write_tracks(Asked(mcap=str(file)), overlay([log], fit))
     streams = {stream.topic: stream for stream in read(str(file)).streams}
     assert {"/measured/pose", "/measured/sent/speed", "/model/pose", "/model/error/position"} <= set(streams)
     np.testing.assert_allclose(streams["/model/pose"].fields["pose.position.x"], [0.7, 2.0, 3.0])

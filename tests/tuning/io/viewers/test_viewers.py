@@ -1,4 +1,4 @@
-"""Runs as MCAP files: read back by the library of MCAP and by that of ROS's bags, beside hand-made motions."""
+"""Runs as files for viewers: read back by the libraries of MCAP, of bags and of Rerun, beside hand-made motions."""
 
 import io
 
@@ -10,9 +10,11 @@ import agvjax
 from agvjax import InputError
 from runs import trajectory
 from tuning.cli.main import main
-from tuning.io.logs import read, runs
+from tuning.io.logs import read
 from tuning.io.logs.roles import chosen
 from tuning.io.logs.rows import table
+from tuning.io.viewers import Asked, mcap_file, options, rerun_file
+from tuning.io.viewers.told import Track, of_run
 
 SPEED, YAW_RATE, LEVER = 0.8, 0.4, 0.5
 
@@ -38,6 +40,12 @@ def circling(lever=0.0):
     return run, axle
 
 
+def as_mcap(runs, plant):
+    file = io.BytesIO()
+    mcap_file.write_runs(file, {name: of_run(run, plant) for name, run in runs.items()})
+    return file.getvalue()
+
+
 def decoded(data):
     """Messages by topic, read by the libraries of MCAP and of bags."""
     from mcap.reader import make_reader
@@ -56,9 +64,7 @@ def decoded(data):
 @pytest.mark.parametrize(("plant", "lever"), [(agvjax.Base(), 0.0), (agvjax.Unicycle(L=LEVER), LEVER)])
 def test_poses_and_speeds_are_those_of_the_axle(plant, lever):
     run, axle = circling(lever)
-    file = io.BytesIO()
-    runs.write(file, {"": run}, plant)
-    topics = decoded(file.getvalue())
+    topics = decoded(as_mcap({"": run}, plant))
     assert len(topics["/odom"]) == len(topics["/tf"]) == len(topics["/reference"]) == 81
     for k in (0, 40, 80):
         at, odometry = topics["/odom"][k]
@@ -84,9 +90,7 @@ def test_poses_and_speeds_are_those_of_the_axle(plant, lever):
 
 def test_runs_beside_each_other_have_names_of_their_own():
     run, _ = circling()
-    file = io.BytesIO()
-    runs.write(file, {"before": run, "after": run}, agvjax.Base())
-    topics = decoded(file.getvalue())
+    topics = decoded(as_mcap({"before": run, "after": run}, agvjax.Base()))
     assert {"/before/odom", "/after/odom", "/before/plan", "/after/cmd_vel", "/tf"} <= set(topics)
     frames = {one.transforms[0].child_frame_id for _, one in topics["/tf"]}
     assert frames == {"before/base_link", "after/base_link"}
@@ -96,9 +100,10 @@ def test_numbers_that_are_not_finite_stay_what_they_are():
     run, _ = circling()
     broken = np.asarray(run.delivered).copy()
     broken[3, 0] = np.nan
-    file = io.BytesIO()
-    runs.write(file, {"": run.__class__(**{**vars(run), "delivered": jnp.asarray(broken)})}, agvjax.Base())
-    values = [one.data for _, one in decoded(file.getvalue())[f"/delivered/{agvjax.Base().actuators[0]}"]]
+    run = run.__class__(**{**vars(run), "delivered": jnp.asarray(broken)})
+    values = [
+        one.data for _, one in decoded(as_mcap({"": run}, agvjax.Base()))[f"/delivered/{agvjax.Base().actuators[0]}"]
+    ]
     assert np.flatnonzero(np.isnan(values)).tolist() == [3]
 
 
@@ -115,16 +120,74 @@ def test_a_simulated_run_is_a_recording_that_can_be_identified_from(tmp_path):
     assert "Good for identification once this is said" in (tmp_path / "log" / "report.md").read_text()
 
 
-@pytest.mark.parametrize("name", ["there.mcap", "run.bag", "nowhere/run.mcap"])
-def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys, name):
+@pytest.fixture
+def recorded(tmp_path):
+    """Columns by entity of a recording of Rerun, read by its own library; static ones have no time."""
+
+    def read_back(write, told):
+        from rerun.chunk import RrdReader
+
+        with (tmp_path / "run.rrd").open("wb") as file:
+            write(file, told)
+        found = {}
+        for chunk in RrdReader(tmp_path / "run.rrd").stream():
+            batch = chunk.to_record_batch()
+            columns = {name: batch.column(name).to_pylist() for name in batch.schema.names}
+            found.setdefault(chunk.entity_path, {}).update(columns)
+        return found
+
+    return read_back
+
+
+def of(columns, ending):
+    """The values of a component, a row each."""
+    (name,) = [name for name in columns if name.endswith(ending)]
+    return np.array([x[0] for x in columns[name]], float)
+
+
+def test_rerun_has_poses_of_the_axle_the_reference_and_every_number(recorded):
+    run, axle = circling(LEVER)
+    plant = agvjax.Unicycle(L=LEVER)
+    found = recorded(rerun_file.write_runs, {"": of_run(run, plant)})
+    robot = found["/map/robot"]
+    np.testing.assert_allclose([x.total_seconds() for x in robot["t"]], np.asarray(run.t), atol=1e-6)
+    np.testing.assert_allclose(of(robot, ":translation")[:, :2], axle, atol=1e-6)  # float32
+    turn = of(robot, ":quaternion")
+    heading = 2 * np.arctan2(turn[:, 2], turn[:, 3])
+    np.testing.assert_allclose(np.exp(1j * heading), np.exp(1j * (3.0 + YAW_RATE * np.asarray(run.t))), atol=1e-6)
+    np.testing.assert_allclose(of(found["/map/reference"], ":positions")[:, :2], axle, atol=1e-6)
+    first, second = plant.actuators
+    for place, value in ((f"asked/{first}", 0.7), (f"delivered/{second}", 0.8)):
+        assert of(found[f"/{place}"], ":scalars").tolist() == [value] * 81
+    assert found[f"/asked/{first}"]["SeriesLines:names"] == [[f"asked/{first}"]]
+
+
+def test_rerun_keeps_runs_apart_and_numbers_that_are_not_finite(recorded):
+    t = np.array([0.0, 0.1, 0.3])
+    pose = np.array([[0.0, 0, 0], [1, 0, 0], [np.nan, 0, 0]])
+    far = Track(t + 5, pose + 1, {"error/position": np.array([0.1, np.nan, 0.3])}, {"error/position": "m"})
+    found = recorded(rerun_file.write_tracks, {"log1/measured": Track(t, pose, {}, {}), "log1/model": far})
+    assert {"/map/log1/measured/robot", "/map/log1/model/robot", "/error/log1/model/position"} <= set(found)
+    np.testing.assert_array_equal(of(found["/error/log1/model/position"], ":scalars"), [0.1, np.nan, 0.3])
+    assert [x.total_seconds() for x in found["/map/log1/model/robot"]["t"]] == [5.0, 5.1, 5.3]
+
+
+@pytest.mark.parametrize(
+    ("option", "name"),
+    [("--mcap", "there.mcap"), ("--mcap", "run.bag"), ("--rerun", "nowhere/run.rrd"), ("--rerun", "run.mcap")],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys, option, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.mcap").write_bytes(b"kept")
-    assert main(["simulate", "--out", "run", "--mcap", name]) == 2
-    assert f"--mcap = {name}: must be a new file that ends in .mcap" in capsys.readouterr().err
+    assert main(["simulate", "--out", "run", option, name]) == 2
+    end = ".mcap" if option == "--mcap" else ".rrd"
+    assert f"{option} = {name}: must be a new file that ends in {end}" in capsys.readouterr().err
     assert not (tmp_path / "run").exists() and (tmp_path / "there.mcap").read_bytes() == b"kept"
 
 
 def test_what_is_not_installed_is_named(monkeypatch):
-    monkeypatch.setattr(runs.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'agvjax\[viewer\]'"):
-        runs.check("run.mcap")
+    monkeypatch.setattr(options.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"mcap and rosbags.*pip install 'agvjax\[viewer\]'"):
+        options.check(Asked(mcap="run.mcap"))
+    with pytest.raises(InputError, match="rerun is not installed"):
+        options.check(Asked(rerun="run.rrd"))
