@@ -117,6 +117,47 @@ def lay_out(folder, files, name, lyrical=False):
     (stub / name / f"{name}_parameters.hpp").write_text(listener(files["src/parameters.yaml"]))
 
 
+NEEDS = """
+generate_parameter_library geometry_msgs nav_msgs nav2_core nav2_costmap_2d pluginlib rclcpp rclcpp_lifecycle tf2
+tf2_geometry_msgs tf2_ros
+""".split()
+FOUND = {
+    "": "set({name}_FOUND TRUE)\nset({name}_INCLUDE_DIRS {stub})\n",
+    "pluginlib": """macro(pluginlib_export_plugin_description_file base file)
+  install(FILES ${{file}} DESTINATION share/${{PROJECT_NAME}})
+  ament_index_register_resource(${{base}}__pluginlib__plugin CONTENT "share/${{PROJECT_NAME}}/${{file}}\\n")
+endmacro()
+""",
+    "generate_parameter_library": """function(generate_parameter_library target file)
+  if(NOT EXISTS ${{CMAKE_CURRENT_SOURCE_DIR}}/${{file}})
+    message(FATAL_ERROR "${{file}} is not there")
+  endif()
+  add_library(${{target}} INTERFACE)
+  target_include_directories(${{target}} INTERFACE {stub})
+endfunction()
+""",
+}
+
+
+def by_cmake(folder, package):
+    """Build and install a package by its own CMakeLists.txt, with Debian's ament_cmake; where it was installed.
+
+    The packages of ROS 2 that it needs are files of CMake that find the headers which stand for them.
+    """
+    for name in NEEDS:
+        place = folder / "ros" / "share" / name / "cmake"
+        place.mkdir(parents=True)
+        text = FOUND[""] + FOUND.get(name, "")
+        (place / f"{name}Config.cmake").write_text(text.format(name=name, stub=package / "stub"))
+    build, install = folder / "build", folder / "install"
+    options = {"PREFIX_PATH": folder / "ros", "INSTALL_PREFIX": install, "C_FLAGS": "-Werror", "CXX_FLAGS": "-Werror"}
+    flags = [f"-DCMAKE_{key}={value}" for key, value in options.items()] + ["-DPython3_EXECUTABLE=/usr/bin/python3"]
+    for command in (["-S", package, "-B", build, *flags], ["--build", build], ["--install", build]):
+        done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return install
+
+
 def build(folder, name, compiler="gcc", lyrical=False):
     """A shared library of the package and the server."""
     cc, cxx = COMPILERS[compiler]

@@ -1,5 +1,6 @@
 """The exported controller of Nav2, compiled against headers that stand for ROS 2 and Nav2, and driven by a server."""
 
+import pathlib
 import shutil
 from xml.etree import ElementTree
 
@@ -11,12 +12,14 @@ import yaml
 
 import agvjax
 from agvjax import Route, SpeedLimits
-from nav2_stub import Server, build, lay_out
+from nav2_stub import Server, build, by_cmake, lay_out
 from tuning.config.write import gains_table
 from tuning.export import artefact, c, nav2, tables
 
 needs_gcc = pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
 needs_clang = pytest.mark.skipif(shutil.which("clang++") is None, reason="clang++ is not installed")
+AMENT = pathlib.Path("/usr/share/ament_cmake/cmake")
+needs_ament = pytest.mark.skipif(not (AMENT.exists() and shutil.which("cmake")), reason="ament_cmake is not installed")
 PERIOD, TRACK = 0.05, 0.5
 BAY = np.array(  # past a bay and backwards into it; speeds say which way
     [[0, 0, 0.5], [1, 0, 0.5], [2, 0, 0.5], [3, 0.15, 0.5], [4, 0.8, 0.5], [5, 2, -0.5],
@@ -532,3 +535,20 @@ def test_what_has_no_controller_in_nav2_is_refused(inner, vehicle, word):
     line = Route.through([[0, 0], [1, 0], [2, 0]], 0.5) if inner.follows() else None
     with pytest.raises(agvjax.InputError, match=word):
         nav2.files(artefact.Artefact(law, told, line), "goes")
+
+
+@needs_gcc
+@needs_ament
+@pytest.mark.slow
+def test_its_own_cmake_builds_and_installs_it_as_plugins_are_found(package, tmp_path):
+    """With ament_cmake as Debian has it: pluginlib goes from the index to plugin.xml and from there to the library."""
+    folder = tmp_path / "package"
+    folder.mkdir()
+    lay_out(folder, package, "drives")
+    install = by_cmake(tmp_path, folder)
+    index = install / "share" / "ament_index" / "resource_index"
+    told = (index / "nav2_core__pluginlib__plugin" / "drives").read_text().split()
+    library = ElementTree.parse(install / told[0]).getroot()
+    symbols = (install / "lib" / f"lib{library.get('path')}.so").read_bytes()
+    assert library.find("class").get("type").encode().split(b"::")[-1] in symbols
+    assert (index / "packages" / "drives").exists() and (install / "share" / "drives" / "config" / "nav2.yaml").exists()
