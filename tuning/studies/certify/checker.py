@@ -39,6 +39,7 @@ ROUNDS, FIRST, LAST, GROW, FAR = (
 )  # of the search: rounds, of them rough, to settle; widening; end
 MATCH = 1e-4  # of a stated bound with the one that follows: a number that matters and is another is seen
 CHANNELS = ("x", "y", "heading")
+JUMPS = "unwrapped, the law meets the jumps of the path's heading by 2 pi: only the dumbbell's has none"
 SLOPES = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 LEAVES = (
     *(f"deadzone.position.{name}" for name in SLOPES),
@@ -488,6 +489,8 @@ def _sound(numbers):
     _keys(numbers, keys | {"networks"} if paper else keys, "the problem")
     if numbers["wrapped"] is not True and not (paper and numbers["wrapped"] is False):
         raise Refused("only the paper's law may leave its error unwrapped")
+    if numbers["wrapped"] is False and numbers["path"]["type"] != "dumbbell":
+        raise Refused(JUMPS)
     positive, rest = [], [numbers["late"], *numbers["disturbance"].values()]
     positive += [numbers["step"], numbers["cells"], *(x for name, x in numbers["path"].items() if name != "type")]
     rest += [x for name, x in numbers["gains"].items() if name in ("Lam", "Lam_psi", "literal")]

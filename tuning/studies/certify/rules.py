@@ -17,7 +17,7 @@ from ...config.ends import LAW, Moving, element_of
 from ...config.settings import Config
 from ...ensemble.draws import Range, Span
 from ...ensemble.rules import near
-from .checker import LEAVES
+from .checker import JUMPS, LEAVES
 
 LINEAR = (agvjax.NeuroBackstepping, agvjax.DFC, agvjax.OSFC)  # but for the deadzone, and what is bounded
 NOT_LINEAR = {
@@ -108,6 +108,9 @@ def _scenario(config: Config) -> Iterator[str]:
         usual |= isinstance(scenario.heading, agvjax.Tangent)
     else:
         yield f"the path {type(path).__name__} is not among those that the checker computes by itself: dumbbell, circle"
+    if isinstance(config.controller, agvjax.NeuroBackstepping) and not config.controller.wrapped:
+        if not isinstance(path, agvjax.Dumbbell):
+            yield JUMPS
     if not usual:
         yield "the checker computes only the path's own heading (heading = none)"
 

@@ -18,6 +18,7 @@ from tuning.config import load
 from tuning.studies.certify import checker
 from tuning.studies.certify.problem import box, problem
 from tuning.studies.certify.prove import Prover, certificate
+from tuning.studies.certify.rules import unproved
 from tuning.studies.paper.bounds import peak_gain
 
 SOURCE = Path(checker.__file__).read_text()
@@ -204,3 +205,16 @@ def test_problems_of_configurations_hold_their_numbers():
     config = load([], ['controller="osfc"', "controller.kp=4.0"])
     numbers = problem(config)
     assert numbers["law"] == "osfc" and numbers["gains"]["kp"] == 4.0 and "networks" not in numbers
+
+
+def test_a_law_without_wrap_on_a_path_whose_heading_jumps_is_refused():
+    """A circle's heading leaps from pi to -pi a quarter of a lap after the start; an unwrapped law then turns round."""
+    settings = ["scenario.path=circle", "controller.wrapped=false", "scenario.start.heading=1.2"]
+    config = load([], [*settings, "simulate.horizon=6.0", "criteria.late=3.0"])
+    seen = agvjax.simulate(config.controller, config.scenario, dt=0.01, n_steps=600)
+    error = np.asarray(seen.heading) - (math.pi / 2 + 0.5 * np.asarray(seen.t))
+    assert np.abs(np.angle(np.exp(1j * error)))[300:].max() > 2
+    assert unproved(config) == checker.JUMPS
+    with pytest.raises(checker.Refused, match="unwrapped"):
+        checker.Problem(problem(config))
+    assert not unproved(load([], ["scenario.path=circle"])) and not unproved(load([], ["controller.wrapped=false"]))
