@@ -344,10 +344,10 @@ def _osfc(g, m, mh, h, cells):
     u = (want - z3) / g["b0"]
     A = [e, m * u, z2 + 3 * wo * (Z - z1), want + 3 * wo**2 * (Z - z1), wo**3 * (Z - z1)]
     axis = Loop(A, e, none, {"Z": Z + z1, "e": e + z2}, {"Z": Z, "u": u, "e": e}, h, cells)
-    Z, q1, q2, none = states(3)
+    Z, q1, q2, none = states(3)  # it wraps q1 - psi_d and psi - q1
     u = (-g["kpsi"] * q1 - q2) / g["b0w"]
     A = [mh * u, -g["kpsi"] * q1 + 2 * g["wow"] * (Z - q1), g["wow"] ** 2 * (Z - q1)]
-    heading = Loop(A, Z, none, {"Z": Z + q1}, {"Z": Z, "u": u}, h, cells)
+    heading = Loop(A, Z, none, {"Z": Z + q1}, {"Z": Z, "u": u, "wrap q1": q1, "wrap off": Z - q1}, h, cells)
     return axis, heading, {"a": 1 / g["b0"], "F": 0.0, "rate": 1 / g["b0w"]}
 
 
@@ -551,11 +551,12 @@ class Problem:
             y = channel.outputs(W, rest, rough)
             gain = self._gain("heading", size(y["Z"]) ** 2)
             gives, pair = force(channel, slope, y, scaled(rate, float(feed["rate"])), gain)
-            return [[plus(one, base) for one in pair]], (y["Z"], gives)
+            angles = [angle for name, angle in y.items() if name == "Z" or name.startswith("wrap")]
+            return [[plus(one, base) for one in pair]], (y["Z"], gives, angles)
 
-        Z3, yaw = settle(step, 1, self.cells, lean)
-        if self.numbers["wrapped"] and not size(Z3).max() < 3.14:
-            raise Refused("the heading error may pass pi, where it wraps")
+        Z3, yaw, angles = settle(step, 1, self.cells, lean)
+        if self.numbers["wrapped"] and not all(size(angle).max() < 3.14 for angle in angles):
+            raise Refused("the heading error, or an observer's, may pass pi, where it wraps")
         yaw[-1], yaw[-2] = yaw[-1] + np.abs(yaw[-2]), 0.0
         return Z3, yaw
 

@@ -218,3 +218,21 @@ def test_a_law_without_wrap_on_a_path_whose_heading_jumps_is_refused():
     with pytest.raises(checker.Refused, match="unwrapped"):
         checker.Problem(problem(config))
     assert not unproved(load([], ["scenario.path=circle"])) and not unproved(load([], ["controller.wrapped=false"]))
+
+
+FULL = "={slope_right=1.0, slope_left=1.0, threshold_right=0.0, threshold_left=0.0}"
+
+
+def test_an_observer_whose_error_may_pass_pi_is_refused_though_the_heading_error_stays_below():
+    """Without its wraps this observer would bring 3.05 rad below 0.5 rad; with them the vehicle turns round."""
+    gains = ["controller.kpsi=1.8968", "controller.wow=1.6836", "controller.b0w=0.09815"]
+    quiet = ["scenario.disturbance.amplitude=0.0", "scenario.path.omega=0.02", "scenario.start.heading=3.5136476"]
+    zones = ["scenario.deadzone.heading" + FULL, "scenario.deadzone.position" + FULL.replace("1.0", "0.7")]
+    timing = ["simulate.horizon=0.8", "criteria.late=0.75", "certify.step=0.005"]
+    config = load([], ['controller="osfc"', *gains, *quiet, *zones, *timing])
+    run = agvjax.simulate(config.controller, config.scenario, dt=1e-3, n_steps=800)
+    error = np.asarray(run.heading - run.reference_heading)
+    assert np.abs(np.angle(np.exp(1j * error)))[750:].max() > 1.5
+    assert np.abs(np.asarray(run.heading - run.controller.q1)).max() > math.pi
+    with pytest.raises(checker.Refused, match="where it wraps"):
+        checker.Problem(problem(config)).bounds(checker.Box(box(config, 0.0)), (0.7, 1.0, 0.3))
