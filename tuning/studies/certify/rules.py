@@ -11,6 +11,7 @@ from agvjax import Fault
 from agvjax.controllers.backstepping import KnownSlopes
 from agvjax.controllers.filters import CommandFilter, LiteralFilter
 from agvjax.plants.decoupled import DeliveredYawRate, TurnedVelocity
+from agvjax.schedule import schedules
 
 from ...config import rules
 from ...config.ends import LAW, Moving, element_of
@@ -77,6 +78,8 @@ def _law(law: agvjax.Law) -> Iterator[str]:
         yield f"{name}: {NOT_LINEAR[type(law)]}"
     elif type(law) not in LINEAR:
         yield f"{name} is not among the laws whose linear part is known: {', '.join(c.__name__ for c in LINEAR)}"
+    elif curves := schedules(law):
+        yield f"{', '.join(curves)}: a gain that is a curve over something measured makes the command no linear one"
     elif isinstance(law, agvjax.NeuroBackstepping):
         if any(isinstance(x, KnownSlopes) or np.ndim(np.asarray(x)) for x in (law.Pi_hat, law.Pi_psi_hat)):
             yield "the law assumes slopes by sign or by axis (Pi_hat): its command is not linear"

@@ -85,6 +85,7 @@ def test_the_box_of_a_share_is_that_share_of_the_way_to_either_end():
 REASONS = {
     "asmc": ('controller="asmc"', "its command jumps with the sign of an error"),
     "ftsmc": ('controller="ftsmc"', "unbounded slope at a small error"),
+    "schedule": ('controller.k2={over="speed", nodes=[0.0, 1.0], values=[20.0, 18.0]}', "a curve over something measured"),
     "kinematic": ('scenario.plant.yaw_rate="kinematic"', "reading R9"),
     "coloured": ('scenario.disturbance={type="step"}', "not one cosine"),
     "line": ('scenario.path={type="line"}', "not among those that the checker computes"),
