@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ...config.settings import Config
 from . import checker
-from .found import Seeker
+from .found import CLOSE, Seeker, nominal_error
 from .problem import Ends, Numbers, box, problem
 from .rules import unproved
 
@@ -26,11 +26,12 @@ class Certified(NamedTuple):
     boxes: int  # parts of it
     failed: str  # at the smallest share that was not proved: which step failed
     certificate: Numbers  # empty where nothing is proved
+    contradicted: bool = False  # the search met a violation inside what was proved: one of the two is wrong
 
     @property
     def proved(self) -> bool:
         """Whether the bounds hold in the whole box that was asked about."""
-        return self.share >= 1
+        return self.share >= 1 and not self.contradicted
 
 
 class Prover:
@@ -144,4 +145,5 @@ def certify(config: Config, tick: Callable[[str], None] = lambda what: None) -> 
     parts = leaves(tree)
     bounds = tuple(max(part["bounds"][i] for part in parts) for i in range(3))
     made = certificate(prover.claim, prover.problem.numbers, ends, tree)
-    return Certified("", low, found, ends, bounds, len(parts), failed, made)
+    inside = found < low * (1 - 2 * CLOSE) or not nominal_error(config) <= 1
+    return Certified("", low, found, ends, bounds, len(parts), failed, made, inside)
