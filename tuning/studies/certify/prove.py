@@ -121,9 +121,13 @@ def certify(config: Config, tick: Callable[[str], None] = lambda what: None) -> 
     if why := unproved(config):
         return Certified(why, 0.0, 0.0, {}, (), 0, "", {})
     seeker = Seeker.of(config)
+    try:
+        prover = Prover(config, {})
+    except checker.Refused as refused:
+        return Certified(str(refused), 0.0, 0.0, {}, (), 0, "", {})
     found = seeker.share()
     tick(f"no violation found up to {found:.2f} of the box")
-    prover = Prover(config, seeker.steepest(min(found, 1.0)))
+    prover.steep = seeker.steepest(min(found, 1.0))
     low, best, high, failed = 0.0, None, None, ""
     tries = [1.0, 0.0]
     for _ in range(2 + config.certify.halvings):
