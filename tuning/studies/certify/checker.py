@@ -50,6 +50,8 @@ GAINS = {
     "dfc": ("kp", "kd", "kpsi"),
     "osfc": ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w"),
 }
+PROBLEM = ("law", "gains", "step", "cells", "late", "path", "disturbance", "wrapped")
+ZERO = ("Lam", "Lam_psi", "literal", "late", "start")  # and the numbers of the disturbance; all others are above 0
 PATHS = {"dumbbell": ("type", "amplitude", "omega"), "circle": ("type", "radius", "omega")}
 NONSENSE = (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, RecursionError)
 
@@ -165,10 +167,8 @@ class Box:
             for u in (low, high, np.clip(far_right, low, high), np.clip(-far_left, low, high)):
                 value = right * np.maximum(u - far_right, 0) + left * np.minimum(u + far_left, 0) - slope * u
                 least, most = np.minimum(least, value), np.maximum(most, value)
-        magnitude = (max(ends[0] + ends[1]) + abs(slope)) * (
-            np.maximum(np.abs(low), np.abs(high)) + max(ends[2] + ends[3])
-        )
-        return rounded(form((least + most) / 2, (most - least) / 2), magnitude)
+        reach = np.maximum(np.abs(low), np.abs(high)) + max(ends[2] + ends[3])
+        return rounded(form((least + most) / 2, (most - least) / 2), (max(ends[0] + ends[1]) + abs(slope)) * reach)
 
     def halves(self, leaf, at):
         """The two boxes that a split leaves."""
@@ -403,8 +403,9 @@ class Motion:
         self.acceleration = [(size * w * w * a, size * w * w * (late * w * n**3 + 8 * r)) for n, _, a in waves]
 
 
-def energy(centers, width, dimension):
+def energy(network, dimension):
     """An upper bound of S'S of eq. (20): nodes lie on the diagonal; the mean coordinate says how near they can be."""
+    centers, width = network["centers"], network["width"]
     grid = np.linspace(min(centers) - 1e-9, max(centers) + 1e-9, 2001)
     total = np.zeros(2000)
     for c in centers:
@@ -450,9 +451,9 @@ def force(channel, slope, y, feedforward, network_gain):
     return gives, (affine, plain)
 
 
-def network_gain(network, squares, h, belief):
-    """The network's gain at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi) - eta varphi."""
-    share = network["energy"] / (2 * network["b"] ** 2) * (1 + REL)
+def network_gain(network, most, squares, h, belief):
+    """The network's gain, at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi), and S'S <= `most`."""
+    share = most / (2 * network["b"] ** 2) * (1 + REL)
     varphi = network["start"] + np.cumsum(squares) * (h * network["gamma"] * share / belief)
     return varphi * share / belief * (1 + SUM)
 
@@ -491,44 +492,38 @@ def settle(step, count, cells, lean):
             best = [np.where(_cost(one, lean) <= _cost(other, lean), one, other) for one, other in forms]
             tubes = [(W[: S + 1].copy(), _rest(W) * (1 + GROW) + 1e-6) for W in best]
         else:
-            tubes = [
-                (tube[0], np.maximum(tube[1], need * (1 + GROW) + 1e-6))
-                for tube, need in zip(tubes, needs, strict=True)
-            ]
+            tubes = [(t[0], np.maximum(t[1], n * (1 + GROW) + 1e-6)) for t, n in zip(tubes, needs, strict=True)]
     raise Refused(f"the tube does not close in {ROUNDS} rounds")
 
 
 def _sound(numbers):
     """That the numbers of a problem are those of its law, and of a kind for which the argument holds."""
-    law, path, paper = numbers["law"], numbers["path"], numbers["law"] == "neuro_backstepping"
+    law, path, wave, gains = (numbers[name] for name in ("law", "path", "disturbance", "gains"))
     if law not in GAINS or path["type"] not in PATHS:
         raise Refused(f"law {law!r} or path {path['type']!r} is not known here")
-    keys = {"law", "gains", "step", "cells", "late", "path", "disturbance", "wrapped"}
-    _keys(numbers, keys | {"networks"} if paper else keys, "the problem")
+    paper, cells = law == "neuro_backstepping", numbers["cells"]
+    _keys(numbers, (*PROBLEM, "networks") if paper else PROBLEM, "the problem")
     _keys(path, PATHS[path["type"]], "the path")
-    _keys(numbers["gains"], GAINS[law], "the gains")
-    _keys(numbers["disturbance"], ("omega", "phase"), "the disturbance")
-    _real([numbers["step"], *(x for name, x in path.items() if name != "type")], "step and path", POSITIVE)
-    _real([numbers["late"], *numbers["disturbance"].values()], "late and disturbance", 0.0)
-    for name, gain in numbers["gains"].items():
-        _real([gain], name, 0.0 if name in ("Lam", "Lam_psi", "literal") else POSITIVE)
-    if paper:
-        _keys(numbers["networks"], ("position", "heading"), "the networks")
-    for net in numbers["networks"].values() if paper else ():
+    _keys(wave, ("omega", "phase"), "the disturbance")
+    _keys(gains, GAINS[law], "the gains")
+    _keys(numbers.get("networks", {}), ("position", "heading") if paper else (), "the networks")
+    groups = [path, wave, gains, {"step": numbers["step"], "late": numbers["late"]}]
+    for net in numbers.get("networks", {}).values():
         _keys(net, ("gamma", "b", "start", "centers", "width"), "a network")
-        _real([net["gamma"], net["b"], net["width"]], "a network", POSITIVE)
-        _real([net["start"]], "a network", 0.0)
-        _real(net["centers"], "a network's centers")
-    if numbers["gains"].get("literal", 0) not in (0, 1):
+        _real(net["centers"], "centers")
+        groups.append(net)
+    for group in groups:
+        for name in set(group) - {"type", "centers"}:
+            _real([group[name]], name, 0.0 if name in ZERO or group is wave else POSITIVE)
+    if gains.get("literal", 0) not in (0, 1):
         raise Refused("literal must be 0 or 1")
     if numbers["wrapped"] is not True and not (paper and numbers["wrapped"] is False):
         raise Refused("only the paper's law may leave its error unwrapped")
     if not numbers["wrapped"] and path["type"] != "dumbbell":
         raise Refused(JUMPS)
-    if type(numbers["cells"]) is not int or not 1 <= numbers["cells"] <= CELLS:
-        raise Refused(f"a grid of {numbers['cells']} cells: it must be 1 to {CELLS}, so a longer step is needed")
-    wave, end = numbers["disturbance"], numbers["step"] * numbers["cells"]
-    if not max(path["omega"] * end, wave["omega"] * end + wave["phase"]) <= TURNS:
+    if type(cells) is not int or not 1 <= cells <= CELLS:
+        raise Refused(f"a grid of {cells} cells: it must be 1 to {CELLS}, so a longer step is needed")
+    if not max(path["omega"], wave["omega"]) * numbers["step"] * cells + wave["phase"] <= TURNS:
         raise Refused(f"the angle of the path or the disturbance passes {TURNS:g} rad")
 
 
@@ -543,15 +538,12 @@ class Problem:
         if not 0 <= self.late < self.cells:
             raise Refused("late must lie within the horizon")
         self.motion = Motion(numbers["path"], self.h, self.cells)
-        h, phase = Fraction(self.h), numbers["disturbance"]
-        angles = [Fraction(phase["omega"]) * (h * k + h / 2) + Fraction(phase["phase"]) for k in range(self.cells)]
-        self.wave = np.array([sine_cosine(x)[1] for x in angles]), float(phase["omega"]) * self.h / 2 + 1e-13
+        h, omega, phase = (Fraction(x) for x in (self.h, *(numbers["disturbance"][n] for n in ("omega", "phase"))))
+        waves = [sine_cosine(omega * (h * k + h / 2) + phase)[1] for k in range(self.cells)]
+        self.wave = np.array(waves), float(omega) * self.h / 2 + 1e-13
         self.loops = functools.lru_cache(8)(lambda slopes: loops(numbers, slopes))
-        self.networks, self.turns = {}, {}
-        for name, dimension in (("position", 2), ("heading", 1)) if "networks" in numbers else ():
-            given = dict(numbers["networks"][name])
-            given["energy"] = energy(given.pop("centers"), given.pop("width"), dimension)
-            self.networks[name] = given
+        self.networks, self.turns = numbers.get("networks", {}), {}
+        self.energy = {name: energy(net, 2 if name == "position" else 1) for name, net in self.networks.items()}
 
     def bounds(self, box, slopes):
         """Bounds of the three errors from `late` on, in x, y, heading, over a box; Refused where none is proved."""
@@ -593,7 +585,7 @@ class Problem:
         if name not in self.networks:
             return None
         belief = self.numbers["gains"]["Pi_hat" if name == "position" else "Pi_psi_hat"]
-        return network_gain(self.networks[name], squares, self.h, belief)
+        return network_gain(self.networks[name], self.energy[name], squares, self.h, belief)
 
     def _position(self, box, loop, feed, slope, wave, yaw, lean):
         """The position's errors, both axes together: the yaw rate couples them."""
@@ -644,9 +636,8 @@ def _leaves(problem, box, node, claim):
     if "leaf" in node:
         _keys(node, ("leaf", "bounds"), "a leaf")
         _real(node["bounds"], "the bounds of a leaf", count=3)
-        for name, bound, stated, most in zip(
-            CHANNELS, problem.bounds(box, node["leaf"]), node["bounds"], claim, strict=True
-        ):
+        bounds = problem.bounds(box, node["leaf"])
+        for name, bound, stated, most in zip(CHANNELS, bounds, node["bounds"], claim, strict=True):
             if not bound <= stated <= min(most, bound * (1 + MATCH)):
                 raise Refused(f"{name}: {bound:.8g} follows, {stated:.8g} is stated, {most:.8g} is claimed")
         return 1

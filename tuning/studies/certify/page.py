@@ -50,11 +50,11 @@ def write(config: Config, found: Certified, out: Path) -> Told:
 
 
 def claim(config: Config) -> str:
-    """The bounds in words."""
+    """The bounds in words, with all their digits: 0.020001 is not 0.02."""
     settings = config.certify
     return (
-        f"|x| and |y| <= {settings.within:g} m and |heading| <= {settings.within_heading:g} rad from"
-        f" {config.criteria.late:g} s to {config.simulate.horizon:g} s"
+        f"|x| and |y| <= {settings.within:.15g} m and |heading| <= {settings.within_heading:.15g} rad from"
+        f" {config.criteria.late:.15g} s to {config.simulate.horizon:.15g} s"
     )
 
 

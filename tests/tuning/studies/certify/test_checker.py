@@ -171,7 +171,7 @@ def test_forms_enclose_what_a_deadzone_delivers():
 
 def test_the_network_is_never_more_active_than_its_bound():
     net = agvjax.NeuroBackstepping().position_network
-    bound = checker.energy(np.asarray(net.centers, float).tolist(), float(net.width), 2)
+    bound = checker.energy({"centers": np.asarray(net.centers, float).tolist(), "width": float(net.width)}, 2)
     seen = [float(net.energy(np.asarray(v))) for v in np.random.default_rng(2).uniform(-4, 4, (300, 2))]
     assert max(max(seen), float(net.energy(np.zeros(2)))) <= bound <= 1.01
 
