@@ -672,8 +672,9 @@ def main(arguments):
         return 1
     claim, problem = certificate["claim"], certificate["problem"]
     print(
-        f"proved, in {boxes} boxes: |x| <= {claim['x']} m, |y| <= {claim['y']} m, |heading| <= {claim['heading']} rad"
-        f" from {problem['late']} s to {problem['step'] * problem['cells']:.6g} s, in every scenario of this box:"
+        f"proved, in {boxes} box{'es' * (boxes > 1)}: |x| <= {claim['x']} m, |y| <= {claim['y']} m,"
+        f" |heading| <= {claim['heading']} rad from {problem['late']} s to"
+        f" {problem['step'] * problem['cells']:.6g} s, in every scenario of this box:"
     )
     for leaf, (low, high) in certificate["box"].items():
         print(f"  {leaf} = {low}" if low == high else f"  {leaf} from {low} to {high}")

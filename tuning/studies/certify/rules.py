@@ -16,9 +16,10 @@ from agvjax.schedule import schedules
 from ...config import rules
 from ...config.ends import LAW, Moving, element_of
 from ...config.settings import Config
-from ...ensemble.draws import Range, Span
+from ...ensemble.draws import Range
 from ...ensemble.rules import near
 from .checker import JUMPS, LEAVES
+from .problem import box, over
 
 LINEAR = (agvjax.NeuroBackstepping, agvjax.DFC, agvjax.OSFC)  # but for the deadzone, and what is bounded
 NOT_LINEAR = {
@@ -32,13 +33,7 @@ def faults(config: Config) -> list[Fault]:
     wrong = rules.faults(config) or rules.timing_faults(config, "sweep") or list(_sides(config))
     if not wrong and not config.criteria.late < config.simulate.horizon:
         wrong = [Fault("criteria.late", config.criteria.late, f"before the horizon, {config.simulate.horizon:g} s")]
-    return wrong
-
-
-def over(config: Config) -> dict[str, Span]:
-    """The sides of the box by leaf: those asked for, else those of the ensemble."""
-    asked = {name: span for table in config.certify.over for name, span in table.items()}
-    return asked or {name: Span(draw) for name, draw in config.ensemble.draws.items()}
+    return wrong or list(_signs(config))
 
 
 def moving(config: Config) -> list[Moving]:
@@ -61,6 +56,15 @@ def _sides(config: Config) -> Iterator[Fault]:
             elif (leaf, element) in seen or (leaf, None) in seen:
                 yield Fault("certify.over", name, "named once")
             seen.add((leaf, element))
+
+
+def _signs(config: Config) -> Iterator[Fault]:
+    """Sides along which a deadzone would be none."""
+    for name, (low, _) in box(config).items() if not unproved(config) else ():
+        slope = "slope" in name
+        if name.startswith("deadzone") and (low < 0 or slope and low == 0):
+            key = f"certify.over.{name}" if config.certify.over else "ensemble.draws"
+            yield Fault(key, low, f"{'above' if slope else 'at least'} 0, all along the side {name}")
 
 
 def unproved(config: Config) -> str:

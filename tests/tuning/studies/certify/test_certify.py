@@ -115,6 +115,15 @@ def test_sides_that_are_no_ranges_of_the_scenario_are_refused():
     assert {fault.key for fault in error.value.faults} == {"certify.over", "certify.over.start.heading"}
 
 
+def test_sides_along_which_a_deadzone_would_be_none_are_refused():
+    wrong = ['slope_right"={times=[0, 1.1]}', 'threshold_left"={between=[-0.1, 0.5]}']
+    for side in wrong:
+        with pytest.raises(agvjax.InputError) as error:
+            load([], [f'certify.over=[{{"deadzone.position.{side}}}]'], faults)
+        (fault,) = error.value.faults
+        assert fault.key.startswith("certify.over.deadzone.position.") and fault.value <= 0
+
+
 def test_the_command_writes_a_certificate_that_the_checker_accepts(tmp_path):
     settings = [x for s in (*SHORT, *SMALL, "certify.halvings=0") for x in ("--set", s)]
     sides = ["--over", "deadzone.heading.threshold_right*=0.95:1.05", "--over", "disturbance.amplitude=0.15:0.25"]
