@@ -28,17 +28,14 @@ from fractions import Fraction
 import numpy as np
 
 VERSION = 1
-REL, SUM = 1e-14, 1e-12  # of magnitudes: of a few operations; of sums over a whole grid
+REL, SUM, CELLS = 1e-14, 1e-12, 9000  # of magnitudes: of a few operations; of sums over a grid, CELLS 2^-53 at most
 ORDER, STIFF, BITS = 40, 6.0, 320  # of Taylor polynomials over a cell; the largest norm of A h they serve
-ROUNDS, FIRST, LAST, GROW, FAR = (
-    300,
-    80,
-    25,
-    2e-3,
-    1e7,
-)  # of the search: rounds, of them rough, to settle; widening; end
+ROUNDS, FIRST, LAST, GROW = 300, 80, 25, 2e-3  # of the search: rounds, of them rough, to settle; widening
+FAR, TURNS = 1e7, 1e4  # the largest error; the largest angle of path and disturbance, as its series takes so many terms
+POSITIVE = math.ulp(0.0)  # the least number above 0
 MATCH = 1e-4  # of a stated bound with the one that follows: a number that matters and is another is seen
 CHANNELS = ("x", "y", "heading")
+JUMPS = "unwrapped, the law meets the jumps of the path's heading by 2 pi: only the dumbbell's has none"
 SLOPES = ("slope_right", "slope_left", "threshold_right", "threshold_left")
 LEAVES = (
     *(f"deadzone.position.{name}" for name in SLOPES),
@@ -48,11 +45,33 @@ LEAVES = (
     "start.heading",
 )
 S = len(LEAVES)  # unknowns
+GAINS = {
+    "neuro_backstepping": ("k1", "k2", "k3", "Lam", "Lam_psi", "omega_n", "zeta", "Pi_hat", "Pi_psi_hat", "literal"),
+    "dfc": ("kp", "kd", "kpsi"),
+    "osfc": ("kp", "kd", "wo", "b0", "kpsi", "wow", "b0w"),
+}
+PROBLEM = ("law", "gains", "step", "cells", "late", "path", "disturbance", "wrapped")
+ZERO = ("Lam", "Lam_psi", "literal", "late", "start")  # and the numbers of the disturbance; all others are above 0
+PATHS = {"dumbbell": ("type", "amplitude", "omega"), "circle": ("type", "radius", "omega")}
 NONSENSE = (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, RecursionError)
 
 
 class Refused(Exception):
     """Why a certificate is refused, or a box is not proved."""
+
+
+def _keys(given, wanted, where):
+    """That there is all of what there must be, and nothing that nobody reads."""
+    if not isinstance(given, dict) or set(given) != set(wanted):
+        raise Refused(f"{where} must have exactly {', '.join(sorted(wanted))}")
+
+
+def _real(values, where, low=-math.inf, count=None):
+    """That these are finite numbers, none below `low`; a boolean or a string is no number."""
+    if count not in (None, len(values)) or not all(type(x) in (int, float) and math.isfinite(x) for x in values):
+        raise Refused(f"{where}: {values} must be numbers")
+    if not all(x >= low for x in values):
+        raise Refused(f"{where}: {values} must be {'above' if low > 0 else 'at least'} 0")
 
 
 # forms: arrays (S + 3, N) for N cells, affine in unknowns in [-1, 1]: a centre, S of the box, one of the cell, a rest
@@ -126,12 +145,12 @@ class Box:
 
     def __init__(self, intervals):
         """From a mapping that holds every leaf."""
+        _keys(intervals, LEAVES, "the box")
+        for leaf, ends in intervals.items():
+            _real(ends, leaf, POSITIVE if "slope" in leaf else 0.0 if "deadzone" in leaf else -math.inf, count=2)
+            if not ends[0] <= ends[1]:
+                raise Refused(f"{leaf}: {ends} is no interval")
         self.intervals = {leaf: tuple(map(float, intervals[leaf])) for leaf in LEAVES}
-        for leaf, (low, high) in self.intervals.items():
-            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-                raise Refused(f"{leaf}: [{low}, {high}] is no interval")
-            if leaf.startswith("deadzone") and low < 0 or "slope" in leaf and low <= 0:
-                raise Refused(f"{leaf}: {low} is no slope or threshold of a deadzone")
 
     def leaf(self, name, cells=1):
         """A leaf as a form."""
@@ -148,11 +167,12 @@ class Box:
             for u in (low, high, np.clip(far_right, low, high), np.clip(-far_left, low, high)):
                 value = right * np.maximum(u - far_right, 0) + left * np.minimum(u + far_left, 0) - slope * u
                 least, most = np.minimum(least, value), np.maximum(most, value)
-        magnitude = (max(ends[0] + ends[1]) + slope) * (np.maximum(np.abs(low), np.abs(high)) + max(ends[2] + ends[3]))
-        return rounded(form((least + most) / 2, (most - least) / 2), magnitude)
+        reach = np.maximum(np.abs(low), np.abs(high)) + max(ends[2] + ends[3])
+        return rounded(form((least + most) / 2, (most - least) / 2), (max(ends[0] + ends[1]) + abs(slope)) * reach)
 
     def halves(self, leaf, at):
         """The two boxes that a split leaves."""
+        _real([at], "a split")
         low, high = self.intervals[leaf]
         if not low < at < high:
             raise Refused(f"{leaf}: split at {at}, outside ({low}, {high})")
@@ -191,12 +211,13 @@ def powers(A, h, cells):
         term = (term @ step >> BITS) // k
         E, rate = E + term, h / (k + 1)
         integral = integral + term * rate.numerator // rate.denominator
-    error, slip, sums, out, power = n << 24, 0, 0, [], whole(np.eye(n) * unit)
+    error, slip, sums, most, out, power = n << 24, 0, 0, 0, [], whole(np.eye(n) * unit)
     for _ in range(cells + 1):
         out.append(floats(power))
         rows = np.abs(power).sum(axis=1).max()
         sums += (rows + slip >> BITS) + 1
-        slip = max(slip, sums * ((error * (rows + slip) >> BITS) + n + 1))
+        most = max(most, (error * (rows + slip) >> BITS) + n + 1)
+        slip = sums * most
         power = E @ power >> BITS
     if slip >> (BITS - 90):
         raise Refused("exp(A t) grows: rounding is not bounded")
@@ -299,8 +320,6 @@ class Loop:
 def loops(problem, slopes):
     """The position's and the heading's loop for constant slopes; what of a_d, F and psi_d' goes into the command."""
     build = {"neuro_backstepping": _backstepping, "dfc": _dfc, "osfc": _osfc}
-    if problem["law"] not in build:
-        raise Refused(f"law {problem['law']!r} is not known here")
     gains = {name: Fraction(value) for name, value in problem["gains"].items()}
     position, heading = map(Fraction, slopes)
     return build[problem["law"]](gains, position, heading, problem["step"], problem["cells"])
@@ -343,10 +362,10 @@ def _osfc(g, m, mh, h, cells):
     u = (want - z3) / g["b0"]
     A = [e, m * u, z2 + 3 * wo * (Z - z1), want + 3 * wo**2 * (Z - z1), wo**3 * (Z - z1)]
     axis = Loop(A, e, none, {"Z": Z + z1, "e": e + z2}, {"Z": Z, "u": u, "e": e}, h, cells)
-    Z, q1, q2, none = states(3)
+    Z, q1, q2, none = states(3)  # it wraps q1 - psi_d and psi - q1
     u = (-g["kpsi"] * q1 - q2) / g["b0w"]
     A = [mh * u, -g["kpsi"] * q1 + 2 * g["wow"] * (Z - q1), g["wow"] ** 2 * (Z - q1)]
-    heading = Loop(A, Z, none, {"Z": Z + q1}, {"Z": Z, "u": u}, h, cells)
+    heading = Loop(A, Z, none, {"Z": Z + q1}, {"Z": Z, "u": u, "wrap q1": q1, "wrap off": Z - q1}, h, cells)
     return axis, heading, {"a": 1 / g["b0"], "F": 0.0, "rate": 1 / g["b0w"]}
 
 
@@ -368,8 +387,6 @@ class Motion:
         """From the numbers of a path."""
         kind, h = path["type"], Fraction(h)
         number = {name: Fraction(value) for name, value in path.items() if name != "type"}
-        if kind not in ("dumbbell", "circle"):
-            raise Refused(f"path {kind!r} is not known here")
         middles = [h * k + h / 2 for k in range(cells)]
         w, size = float(number["omega"]), float(number["amplitude" if kind == "dumbbell" else "radius"])
         s, c = np.array([sine_cosine(number["omega"] * t) for t in middles]).T
@@ -386,8 +403,9 @@ class Motion:
         self.acceleration = [(size * w * w * a, size * w * w * (late * w * n**3 + 8 * r)) for n, _, a in waves]
 
 
-def energy(centers, width, dimension):
+def energy(network, dimension):
     """An upper bound of S'S of eq. (20): nodes lie on the diagonal; the mean coordinate says how near they can be."""
+    centers, width = network["centers"], network["width"]
     grid = np.linspace(min(centers) - 1e-9, max(centers) + 1e-9, 2001)
     total = np.zeros(2000)
     for c in centers:
@@ -433,9 +451,9 @@ def force(channel, slope, y, feedforward, network_gain):
     return gives, (affine, plain)
 
 
-def network_gain(network, squares, h, belief):
-    """The network's gain at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi) - eta varphi."""
-    share = network["energy"] / (2 * network["b"] ** 2) * (1 + REL)
+def network_gain(network, most, squares, h, belief):
+    """The network's gain, at most, per cell, by (45): varphi' <= gamma |Z|^2 S'S / (2 b^2 Pi), and S'S <= `most`."""
+    share = most / (2 * network["b"] ** 2) * (1 + REL)
     varphi = network["start"] + np.cumsum(squares) * (h * network["gamma"] * share / belief)
     return varphi * share / belief * (1 + SUM)
 
@@ -474,31 +492,39 @@ def settle(step, count, cells, lean):
             best = [np.where(_cost(one, lean) <= _cost(other, lean), one, other) for one, other in forms]
             tubes = [(W[: S + 1].copy(), _rest(W) * (1 + GROW) + 1e-6) for W in best]
         else:
-            tubes = [
-                (tube[0], np.maximum(tube[1], need * (1 + GROW) + 1e-6))
-                for tube, need in zip(tubes, needs, strict=True)
-            ]
+            tubes = [(t[0], np.maximum(t[1], n * (1 + GROW) + 1e-6)) for t, n in zip(tubes, needs, strict=True)]
     raise Refused(f"the tube does not close in {ROUNDS} rounds")
 
 
 def _sound(numbers):
     """That the numbers of a problem are those of its law, and of a kind for which the argument holds."""
-    keys = {"law", "gains", "step", "cells", "late", "path", "disturbance", "wrapped"}
-    paper = numbers["law"] == "neuro_backstepping"
-    _keys(numbers, keys | {"networks"} if paper else keys, "the problem")
+    law, path, wave, gains = (numbers[name] for name in ("law", "path", "disturbance", "gains"))
+    if law not in GAINS or path["type"] not in PATHS:
+        raise Refused(f"law {law!r} or path {path['type']!r} is not known here")
+    paper, cells = law == "neuro_backstepping", numbers["cells"]
+    _keys(numbers, (*PROBLEM, "networks") if paper else PROBLEM, "the problem")
+    _keys(path, PATHS[path["type"]], "the path")
+    _keys(wave, ("omega", "phase"), "the disturbance")
+    _keys(gains, GAINS[law], "the gains")
+    _keys(numbers.get("networks", {}), ("position", "heading") if paper else (), "the networks")
+    groups = [path, wave, gains, {"step": numbers["step"], "late": numbers["late"]}]
+    for net in numbers.get("networks", {}).values():
+        _keys(net, ("gamma", "b", "start", "centers", "width"), "a network")
+        _real(net["centers"], "centers")
+        groups.append(net)
+    for group in groups:
+        for name in set(group) - {"type", "centers"}:
+            _real([group[name]], name, 0.0 if name in ZERO or group is wave else POSITIVE)
+    if gains.get("literal", 0) not in (0, 1):
+        raise Refused("literal must be 0 or 1")
     if numbers["wrapped"] is not True and not (paper and numbers["wrapped"] is False):
         raise Refused("only the paper's law may leave its error unwrapped")
-    positive, rest = [], [numbers["late"], *numbers["disturbance"].values()]
-    positive += [numbers["step"], numbers["cells"], *(x for name, x in numbers["path"].items() if name != "type")]
-    rest += [x for name, x in numbers["gains"].items() if name in ("Lam", "Lam_psi", "literal")]
-    positive += [x for name, x in numbers["gains"].items() if name not in ("Lam", "Lam_psi", "literal")]
-    for net in numbers["networks"].values() if paper else ():
-        rest.append(net["start"])
-        positive += [net[name] for name in ("gamma", "b", "width")]
-    if not all(type(x) in (int, float) and x >= 0 for x in positive + rest) or not all(x > 0 for x in positive):
-        raise Refused("a number of the problem is not positive")
-    if numbers["cells"] != int(numbers["cells"]) or numbers["cells"] > 20_000:
-        raise Refused("cells must be a whole number, at most 20000")
+    if not numbers["wrapped"] and path["type"] != "dumbbell":
+        raise Refused(JUMPS)
+    if type(cells) is not int or not 1 <= cells <= CELLS:
+        raise Refused(f"a grid of {cells} cells: it must be 1 to {CELLS}, so a longer step is needed")
+    if not max(path["omega"], wave["omega"]) * numbers["step"] * cells + wave["phase"] <= TURNS:
+        raise Refused(f"the angle of the path or the disturbance passes {TURNS:g} rad")
 
 
 class Problem:
@@ -507,24 +533,22 @@ class Problem:
     def __init__(self, numbers):
         """From the certificate's `problem`."""
         _sound(numbers)
-        self.numbers, self.h, self.cells = numbers, float(numbers["step"]), int(numbers["cells"])
-        self.late = int(math.floor(float(numbers["late"]) / self.h))
+        self.numbers, self.h, self.cells = numbers, float(numbers["step"]), numbers["cells"]
+        self.late = math.floor(Fraction(numbers["late"]) / Fraction(self.h))
         if not 0 <= self.late < self.cells:
             raise Refused("late must lie within the horizon")
         self.motion = Motion(numbers["path"], self.h, self.cells)
-        h, phase = Fraction(self.h), numbers["disturbance"]
-        angles = [Fraction(phase["omega"]) * (h * k + h / 2) + Fraction(phase["phase"]) for k in range(self.cells)]
-        self.wave = np.array([sine_cosine(x)[1] for x in angles]), float(phase["omega"]) * self.h / 2 + 1e-13
+        h, omega, phase = (Fraction(x) for x in (self.h, *(numbers["disturbance"][n] for n in ("omega", "phase"))))
+        waves = [sine_cosine(omega * (h * k + h / 2) + phase)[1] for k in range(self.cells)]
+        self.wave = np.array(waves), float(omega) * self.h / 2 + 1e-13
         self.loops = functools.lru_cache(8)(lambda slopes: loops(numbers, slopes))
-        self.networks, self.turns = {}, {}
-        for name, dimension in (("position", 2), ("heading", 1)) if "networks" in numbers else ():
-            given = dict(numbers["networks"][name])
-            given["energy"] = energy(given.pop("centers"), given.pop("width"), dimension)
-            self.networks[name] = given
+        self.networks, self.turns = numbers.get("networks", {}), {}
+        self.energy = {name: energy(net, 2 if name == "position" else 1) for name, net in self.networks.items()}
 
     def bounds(self, box, slopes):
         """Bounds of the three errors from `late` on, in x, y, heading, over a box; Refused where none is proved."""
-        *slopes, lean = slopes
+        _real(slopes, "slopes and lean", count=3)
+        *slopes, lean = map(float, slopes)
         axis, turn, feed = self.loops(tuple(slopes))
         wave = times(box.leaf("disturbance.amplitude", self.cells), form(self.wave[0], self.wave[1]))
         own = [pair for leaf, pair in box.intervals.items() if "position" not in leaf and "velocity" not in leaf]
@@ -548,11 +572,12 @@ class Problem:
             y = channel.outputs(W, rest, rough)
             gain = self._gain("heading", size(y["Z"]) ** 2)
             gives, pair = force(channel, slope, y, scaled(rate, float(feed["rate"])), gain)
-            return [[plus(one, base) for one in pair]], (y["Z"], gives)
+            angles = [angle for name, angle in y.items() if name == "Z" or name.startswith("wrap")]
+            return [[plus(one, base) for one in pair]], (y["Z"], gives, angles)
 
-        Z3, yaw = settle(step, 1, self.cells, lean)
-        if self.numbers["wrapped"] and not size(Z3).max() < 3.14:
-            raise Refused("the heading error may pass pi, where it wraps")
+        Z3, yaw, angles = settle(step, 1, self.cells, lean)
+        if self.numbers["wrapped"] and not all(size(angle).max() < 3.14 for angle in angles):
+            raise Refused("the heading error, or an observer's, may pass pi, where it wraps")
         yaw[-1], yaw[-2] = yaw[-1] + np.abs(yaw[-2]), 0.0
         return Z3, yaw
 
@@ -560,7 +585,7 @@ class Problem:
         if name not in self.networks:
             return None
         belief = self.numbers["gains"]["Pi_hat" if name == "position" else "Pi_psi_hat"]
-        return network_gain(self.networks[name], squares, self.h, belief)
+        return network_gain(self.networks[name], self.energy[name], squares, self.h, belief)
 
     def _position(self, box, loop, feed, slope, wave, yaw, lean):
         """The position's errors, both axes together: the yaw rate couples them."""
@@ -599,18 +624,20 @@ def digest(certificate):
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _keys(given, wanted, where):
-    if not isinstance(given, dict) or set(given) != set(wanted):
-        raise Refused(f"{where} must have exactly {', '.join(sorted(wanted))}")
+def _once(pairs):
+    """An object of a JSON file, in which no key is written twice."""
+    if len(dict(pairs)) < len(pairs):
+        raise Refused("a key is written twice: " + ", ".join(key for key, _ in pairs))
+    return dict(pairs)
 
 
 def _leaves(problem, box, node, claim):
     """Proves the claim over a box: on a leaf by a tube, else on both halves."""
     if "leaf" in node:
         _keys(node, ("leaf", "bounds"), "a leaf")
-        for name, bound, stated, most in zip(
-            CHANNELS, problem.bounds(box, node["leaf"]), node["bounds"], claim, strict=True
-        ):
+        _real(node["bounds"], "the bounds of a leaf", count=3)
+        bounds = problem.bounds(box, node["leaf"])
+        for name, bound, stated, most in zip(CHANNELS, bounds, node["bounds"], claim, strict=True):
             if not bound <= stated <= min(most, bound * (1 + MATCH)):
                 raise Refused(f"{name}: {bound:.8g} follows, {stated:.8g} is stated, {most:.8g} is claimed")
         return 1
@@ -622,13 +649,12 @@ def _leaves(problem, box, node, claim):
 def check(certificate):
     """Number of boxes that the claim was proved on; Refused where it does not follow."""
     _keys(certificate, ("version", "claim", "problem", "box", "tree", "digest"), "a certificate")
-    if certificate["version"] != VERSION or certificate["digest"] != digest(certificate):
+    version = certificate["version"]
+    if type(version) is not int or version != VERSION or certificate["digest"] != digest(certificate):
         raise Refused("another version, or numbers that do not belong to the digest")
     _keys(certificate["claim"], CHANNELS, "the claim")
-    _keys(certificate["box"], LEAVES, "the box")
-    claim = [float(certificate["claim"][name]) for name in CHANNELS]
-    if not all(0 < bound < FAR for bound in claim):
-        raise Refused("the claim must be three positive bounds")
+    claim = [certificate["claim"][name] for name in CHANNELS]
+    _real(claim, "the claim", POSITIVE)
     return _leaves(Problem(certificate["problem"]), Box(certificate["box"]), certificate["tree"], claim)
 
 
@@ -636,7 +662,7 @@ def main(arguments):
     """0: the claim follows; 1: refused."""
     try:
         with open(arguments[0], encoding="utf-8") as file:
-            certificate = json.load(file)
+            certificate = json.load(file, object_pairs_hook=_once)
         boxes = check(certificate)
     except Refused as why:
         print(f"refused: {why}")
@@ -646,9 +672,15 @@ def main(arguments):
         return 1
     claim, problem = certificate["claim"], certificate["problem"]
     print(
-        f"proved, in {boxes} boxes: |x| <= {claim['x']} m, |y| <= {claim['y']} m, |heading| <= {claim['heading']} rad"
-        f" from {problem['late']} s to {problem['step'] * problem['cells']:.6g} s, in every scenario of the box"
+        f"proved, in {boxes} box{'es' * (boxes > 1)}: |x| <= {claim['x']} m, |y| <= {claim['y']} m,"
+        f" |heading| <= {claim['heading']} rad from {problem['late']} s to"
+        f" {problem['step'] * problem['cells']:.6g} s, in every scenario of this box:"
     )
+    for leaf, (low, high) in certificate["box"].items():
+        print(f"  {leaf} = {low}" if low == high else f"  {leaf} from {low} to {high}")
+    print(f"of the law {problem['law']}, its error {'' if problem['wrapped'] else 'not '}wrapped, with")
+    for part in ("gains", "networks", "path", "disturbance"):
+        print(f"  {part}: " + json.dumps(problem.get(part, {}))[1:-1].replace('"', ""))
     return 0
 
 

@@ -50,6 +50,15 @@ def late_errors(
     return worst.T, ok
 
 
+def nominal_error(config: Config) -> float:
+    """The largest error over its bound in the configured scenario; infinite where the run has not gone well."""
+    leaves = scenarios(config.scenario, {name: jnp.asarray([value]) for name, value in nominal(config).items()})
+    timing = config.timing("sweep")
+    errors, ok = late_errors(config.controller, config.scenario, leaves, config.criteria.late, **timing)
+    limits = np.array([config.certify.within, config.certify.within, config.certify.within_heading])
+    return float(np.max(np.asarray(errors)[:, 0] / limits)) if bool(ok[0]) else float("inf")
+
+
 class Seeker(NamedTuple):
     """The adversary of `agvjax sweep`, for the bounds of a certificate."""
 
@@ -97,7 +106,10 @@ class Seeker(NamedTuple):
         return found.value, found.scenario
 
     def share(self) -> float:
-        """The largest share of the box in which nothing is found, up to `MOST`; by bisection."""
+        """The largest share of the box in which nothing is found, up to `MOST`; by bisection.
+
+        0 where something is found in the smallest share that is tried; `MOST` for a box without sides.
+        """
         if not self.names:
             return MOST
         low, high, round_ = 0.0, MOST, 0
@@ -108,7 +120,7 @@ class Seeker(NamedTuple):
                 high = share
                 break
             low = share
-        while low < high and high - low > CLOSE * high:
+        while low < high and high - low > CLOSE * max(high, CLOSE):
             middle = (low + high) / 2
             value, _ = self.worst(middle, round_)
             round_ += 1

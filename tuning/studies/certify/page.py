@@ -36,6 +36,10 @@ def write(config: Config, found: Certified, out: Path) -> Told:
         why = f"Nothing can be proved of this loop: {found.why}."
         publish(out, f"# What is certain?\n\n**{why}**\n\nSee docs/certify.md for what a proof needs.\n")
         return Told("", why)
+    if found.contradicted:
+        why = contradiction(config, found)
+        publish(out, f"# What is certain?\n\n**{why}.**\n\nNo certificate is written.\n")
+        return Told("", f"{why}.")
     lines, failure = sentences(config, found)
     if found.certificate:
         files.write(out / "certificate.json", files.as_json(found.certificate))
@@ -46,17 +50,30 @@ def write(config: Config, found: Certified, out: Path) -> Told:
 
 
 def claim(config: Config) -> str:
-    """The bounds in words."""
+    """The bounds in words, with all their digits: 0.020001 is not 0.02."""
     settings = config.certify
     return (
-        f"|x| and |y| <= {settings.within:g} m and |heading| <= {settings.within_heading:g} rad from"
-        f" {config.criteria.late:g} s to {config.simulate.horizon:g} s"
+        f"|x| and |y| <= {settings.within:.15g} m and |heading| <= {settings.within_heading:.15g} rad from"
+        f" {config.criteria.late:.15g} s to {config.simulate.horizon:.15g} s"
+    )
+
+
+def contradiction(config: Config, found: Certified) -> str:
+    """That the search met a violation inside what was proved."""
+    where = "at the nominal scenario or next to it"
+    if 0 < found.found < found.share:
+        where = f"a little beyond {found.found:.3g} of the box"
+    return (
+        f"Proof and search contradict each other, so one of them is wrong; rely on neither. A proof was found of"
+        f" {claim(config)} in {found.share:.3g} of the box, and a simulated run that violates it {where}"
     )
 
 
 def sentences(config: Config, found: Certified) -> tuple[list[str], str]:
     """What is proved and found, the most important first, and why that is not all that was asked."""
     searched = f"No violation of the same bounds was found up to {found.found:.3g} times the box asked about"
+    if not found.found:
+        searched = "A violation of the same bounds was found at the nominal scenario or next to it"
     if found.proved:
         return [f"Proved in the whole box: {claim(config)}.", f"{searched}."], ""
     step = f"; beyond that the proof fails: {found.failed}"

@@ -13,8 +13,8 @@ from agvjax.leaves import get
 
 from ...config.ends import element_of
 from ...config.settings import Config
+from ...ensemble.draws import Span
 from . import checker
-from .rules import over
 
 Numbers = dict[str, Any]  # a part of a certificate, as JSON has it
 Ends = dict[str, tuple[float, float]]
@@ -74,6 +74,12 @@ def nominal(config: Config) -> dict[str, float]:
         value = np.asarray(get(config.scenario, leaf), float)
         values[name] = float(value if element is None else value[element])
     return values
+
+
+def over(config: Config) -> dict[str, Span]:
+    """The sides of the box by leaf: those asked for, else those of the ensemble."""
+    asked = {name: span for table in config.certify.over for name, span in table.items()}
+    return asked or {name: Span(draw) for name, draw in config.ensemble.draws.items()}
 
 
 def box(config: Config, share: float = 1.0) -> Ends:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ...config.settings import Config
 from . import checker
-from .found import Seeker
+from .found import CLOSE, Seeker, nominal_error
 from .problem import Ends, Numbers, box, problem
 from .rules import unproved
 
@@ -26,11 +26,12 @@ class Certified(NamedTuple):
     boxes: int  # parts of it
     failed: str  # at the smallest share that was not proved: which step failed
     certificate: Numbers  # empty where nothing is proved
+    contradicted: bool = False  # the search met a violation inside what was proved: one of the two is wrong
 
     @property
     def proved(self) -> bool:
         """Whether the bounds hold in the whole box that was asked about."""
-        return self.share >= 1
+        return self.share >= 1 and not self.contradicted
 
 
 class Prover:
@@ -120,9 +121,13 @@ def certify(config: Config, tick: Callable[[str], None] = lambda what: None) -> 
     if why := unproved(config):
         return Certified(why, 0.0, 0.0, {}, (), 0, "", {})
     seeker = Seeker.of(config)
+    try:
+        prover = Prover(config, {})
+    except checker.Refused as refused:
+        return Certified(str(refused), 0.0, 0.0, {}, (), 0, "", {})
     found = seeker.share()
     tick(f"no violation found up to {found:.2f} of the box")
-    prover = Prover(config, seeker.steepest(min(found, 1.0)))
+    prover.steep = seeker.steepest(min(found, 1.0))
     low, best, high, failed = 0.0, None, None, ""
     tries = [1.0, 0.0]
     for _ in range(2 + config.certify.halvings):
@@ -144,4 +149,5 @@ def certify(config: Config, tick: Callable[[str], None] = lambda what: None) -> 
     parts = leaves(tree)
     bounds = tuple(max(part["bounds"][i] for part in parts) for i in range(3))
     made = certificate(prover.claim, prover.problem.numbers, ends, tree)
-    return Certified("", low, found, ends, bounds, len(parts), failed, made)
+    inside = found < low * (1 - 2 * CLOSE) or not nominal_error(config) <= 1
+    return Certified("", low, found, ends, bounds, len(parts), failed, made, inside)

@@ -11,13 +11,15 @@ from agvjax import Fault
 from agvjax.controllers.backstepping import KnownSlopes
 from agvjax.controllers.filters import CommandFilter, LiteralFilter
 from agvjax.plants.decoupled import DeliveredYawRate, TurnedVelocity
+from agvjax.schedule import schedules
 
 from ...config import rules
 from ...config.ends import LAW, Moving, element_of
 from ...config.settings import Config
-from ...ensemble.draws import Range, Span
+from ...ensemble.draws import Range
 from ...ensemble.rules import near
-from .checker import LEAVES
+from .checker import JUMPS, LEAVES
+from .problem import box, over
 
 LINEAR = (agvjax.NeuroBackstepping, agvjax.DFC, agvjax.OSFC)  # but for the deadzone, and what is bounded
 NOT_LINEAR = {
@@ -31,13 +33,7 @@ def faults(config: Config) -> list[Fault]:
     wrong = rules.faults(config) or rules.timing_faults(config, "sweep") or list(_sides(config))
     if not wrong and not config.criteria.late < config.simulate.horizon:
         wrong = [Fault("criteria.late", config.criteria.late, f"before the horizon, {config.simulate.horizon:g} s")]
-    return wrong
-
-
-def over(config: Config) -> dict[str, Span]:
-    """The sides of the box by leaf: those asked for, else those of the ensemble."""
-    asked = {name: span for table in config.certify.over for name, span in table.items()}
-    return asked or {name: Span(draw) for name, draw in config.ensemble.draws.items()}
+    return wrong or list(_signs(config))
 
 
 def moving(config: Config) -> list[Moving]:
@@ -62,6 +58,15 @@ def _sides(config: Config) -> Iterator[Fault]:
             seen.add((leaf, element))
 
 
+def _signs(config: Config) -> Iterator[Fault]:
+    """Sides along which a deadzone would be none."""
+    for name, (low, _) in box(config).items() if not unproved(config) else ():
+        slope = "slope" in name
+        if name.startswith("deadzone") and (low < 0 or slope and low == 0):
+            key = f"certify.over.{name}" if config.certify.over else "ensemble.draws"
+            yield Fault(key, low, f"{'above' if slope else 'at least'} 0, all along the side {name}")
+
+
 def unproved(config: Config) -> str:
     """Why nothing can be proved of a law and a scenario; empty where something can."""
     return next((why for why in (*_law(config.controller), *_scenario(config), *_box(config)) if why), "")
@@ -77,6 +82,8 @@ def _law(law: agvjax.Law) -> Iterator[str]:
         yield f"{name}: {NOT_LINEAR[type(law)]}"
     elif type(law) not in LINEAR:
         yield f"{name} is not among the laws whose linear part is known: {', '.join(c.__name__ for c in LINEAR)}"
+    elif curves := schedules(law):
+        yield f"{', '.join(curves)}: a gain that is a curve over something measured makes the command no linear one"
     elif isinstance(law, agvjax.NeuroBackstepping):
         if any(isinstance(x, KnownSlopes) or np.ndim(np.asarray(x)) for x in (law.Pi_hat, law.Pi_psi_hat)):
             yield "the law assumes slopes by sign or by axis (Pi_hat): its command is not linear"
@@ -108,6 +115,9 @@ def _scenario(config: Config) -> Iterator[str]:
         usual |= isinstance(scenario.heading, agvjax.Tangent)
     else:
         yield f"the path {type(path).__name__} is not among those that the checker computes by itself: dumbbell, circle"
+    if isinstance(config.controller, agvjax.NeuroBackstepping) and not config.controller.wrapped:
+        if not isinstance(path, agvjax.Dumbbell):
+            yield JUMPS
     if not usual:
         yield "the checker computes only the path's own heading (heading = none)"
 

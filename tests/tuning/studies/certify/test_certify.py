@@ -13,6 +13,7 @@ from commands import files_of, run
 from tuning.config import load
 from tuning.studies.certify import certify, checker
 from tuning.studies.certify.found import Seeker, late_errors, scenarios
+from tuning.studies.certify.page import write
 from tuning.studies.certify.problem import box, nominal
 from tuning.studies.certify.prove import LEANS, Prover, leaves
 from tuning.studies.certify.rules import faults, unproved
@@ -85,6 +86,10 @@ def test_the_box_of_a_share_is_that_share_of_the_way_to_either_end():
 REASONS = {
     "asmc": ('controller="asmc"', "its command jumps with the sign of an error"),
     "ftsmc": ('controller="ftsmc"', "unbounded slope at a small error"),
+    "schedule": (
+        'controller.k2={over="speed", nodes=[0.0, 1.0], values=[20.0, 18.0]}',
+        "a curve over something measured",
+    ),
     "kinematic": ('scenario.plant.yaw_rate="kinematic"', "reading R9"),
     "coloured": ('scenario.disturbance={type="step"}', "not one cosine"),
     "line": ('scenario.path={type="line"}', "not among those that the checker computes"),
@@ -110,6 +115,15 @@ def test_sides_that_are_no_ranges_of_the_scenario_are_refused():
     assert {fault.key for fault in error.value.faults} == {"certify.over", "certify.over.start.heading"}
 
 
+def test_sides_along_which_a_deadzone_would_be_none_are_refused():
+    wrong = ['slope_right"={times=[0, 1.1]}', 'threshold_left"={between=[-0.1, 0.5]}']
+    for side in wrong:
+        with pytest.raises(agvjax.InputError) as error:
+            load([], [f'certify.over=[{{"deadzone.position.{side}}}]'], faults)
+        (fault,) = error.value.faults
+        assert fault.key.startswith("certify.over.deadzone.position.") and fault.value <= 0
+
+
 def test_the_command_writes_a_certificate_that_the_checker_accepts(tmp_path):
     settings = [x for s in (*SHORT, *SMALL, "certify.halvings=0") for x in ("--set", s)]
     sides = ["--over", "deadzone.heading.threshold_right*=0.95:1.05", "--over", "disturbance.amplitude=0.15:0.25"]
@@ -119,6 +133,22 @@ def test_the_command_writes_a_certificate_that_the_checker_accepts(tmp_path):
     assert checker.check(json.loads((tmp_path / "done" / "certificate.json").read_text())) == 1
     _, said = run(["certify", "--out", str(tmp_path / "none"), "--set", 'controller="asmc"', *settings], code=1)
     assert "Nothing can be proved of this loop: ASMC" in said
+
+
+@pytest.mark.parametrize("searched, within, where", [(0.5, 9.0, "a little beyond 0.5"), (4.0, 1e-3, "at the nominal")])
+def test_a_proof_that_a_search_contradicts_is_a_failure_and_no_certificate(
+    searched, within, where, tmp_path, monkeypatch
+):
+    """The checker is wrong: beyond half of the box, or at the nominal scenario, whose late error is not below 1 mm."""
+    monkeypatch.setattr(checker.Problem, "bounds", lambda self, part, slopes: [0.0, 0.0, 0.0])
+    monkeypatch.setattr(Seeker, "share", lambda self: searched)
+    monkeypatch.setattr(Seeker, "steepest", lambda self, share: {})
+    config = load([], [*SHORT, f"certify.within={within}", f"certify.within_heading={within}"])
+    found = certify(config)
+    assert found.contradicted and not found.proved and found.share == 1
+    told = write(config, found, tmp_path)
+    assert "contradict each other" in told.failure and where in told.failure and not told.text
+    assert files_of(tmp_path) == ["report.html", "report.md"]
 
 
 @pytest.mark.slow

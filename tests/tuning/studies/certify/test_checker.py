@@ -15,9 +15,10 @@ import pytest
 
 import agvjax
 from tuning.config import load
-from tuning.studies.certify import checker
+from tuning.studies.certify import certify, checker
 from tuning.studies.certify.problem import box, problem
 from tuning.studies.certify.prove import Prover, certificate
+from tuning.studies.certify.rules import unproved
 from tuning.studies.paper.bounds import peak_gain
 
 SOURCE = Path(checker.__file__).read_text()
@@ -170,7 +171,7 @@ def test_forms_enclose_what_a_deadzone_delivers():
 
 def test_the_network_is_never_more_active_than_its_bound():
     net = agvjax.NeuroBackstepping().position_network
-    bound = checker.energy(np.asarray(net.centers, float).tolist(), float(net.width), 2)
+    bound = checker.energy({"centers": np.asarray(net.centers, float).tolist(), "width": float(net.width)}, 2)
     seen = [float(net.energy(np.asarray(v))) for v in np.random.default_rng(2).uniform(-4, 4, (300, 2))]
     assert max(max(seen), float(net.energy(np.zeros(2)))) <= bound <= 1.01
 
@@ -204,3 +205,107 @@ def test_problems_of_configurations_hold_their_numbers():
     config = load([], ['controller="osfc"', "controller.kp=4.0"])
     numbers = problem(config)
     assert numbers["law"] == "osfc" and numbers["gains"]["kp"] == 4.0 and "networks" not in numbers
+
+
+def test_a_law_without_wrap_on_a_path_whose_heading_jumps_is_refused():
+    """A circle's heading leaps from pi to -pi a quarter of a lap after the start; an unwrapped law then turns round."""
+    settings = ["scenario.path=circle", "controller.wrapped=false", "scenario.start.heading=1.2"]
+    config = load([], [*settings, "simulate.horizon=6.0", "criteria.late=3.0"])
+    seen = agvjax.simulate(config.controller, config.scenario, dt=0.01, n_steps=600)
+    error = np.asarray(seen.heading) - (math.pi / 2 + 0.5 * np.asarray(seen.t))
+    assert np.abs(np.angle(np.exp(1j * error)))[300:].max() > 2
+    assert unproved(config) == checker.JUMPS
+    with pytest.raises(checker.Refused, match="unwrapped"):
+        checker.Problem(problem(config))
+    assert not unproved(load([], ["scenario.path=circle"])) and not unproved(load([], ["controller.wrapped=false"]))
+
+
+FULL = "={slope_right=1.0, slope_left=1.0, threshold_right=0.0, threshold_left=0.0}"
+
+
+def test_an_observer_whose_error_may_pass_pi_is_refused_though_the_heading_error_stays_below():
+    """Without its wraps this observer would bring 3.05 rad below 0.5 rad; with them the vehicle turns round."""
+    gains = ["controller.kpsi=1.8968", "controller.wow=1.6836", "controller.b0w=0.09815"]
+    quiet = ["scenario.disturbance.amplitude=0.0", "scenario.path.omega=0.02", "scenario.start.heading=3.5136476"]
+    zones = ["scenario.deadzone.heading" + FULL, "scenario.deadzone.position" + FULL.replace("1.0", "0.7")]
+    timing = ["simulate.horizon=0.8", "criteria.late=0.75", "certify.step=0.005"]
+    config = load([], ['controller="osfc"', *gains, *quiet, *zones, *timing])
+    run = agvjax.simulate(config.controller, config.scenario, dt=1e-3, n_steps=800)
+    error = np.asarray(run.heading - run.reference_heading)
+    assert np.abs(np.angle(np.exp(1j * error)))[750:].max() > 1.5
+    assert np.abs(np.asarray(run.heading - run.controller.q1)).max() > math.pi
+    with pytest.raises(checker.Refused, match="where it wraps"):
+        checker.Problem(problem(config)).bounds(checker.Box(box(config, 0.0)), (0.7, 1.0, 0.3))
+
+
+NOT_NUMBERS = True, "0.5", None, [0.5], math.inf
+
+
+def test_what_is_no_number_where_a_number_must_be_is_refused(made):
+    numbers = [p for p in places(made) if p[0] != "digest"]
+    kinds = {tuple(k for k in p if isinstance(k, str)): p for p in numbers}
+    assert len(kinds) > 40
+    accepted = []
+    for kind, path in kinds.items():
+        for wrong in NOT_NUMBERS:
+            if not refused(signed(moved(made, path, lambda x, w=wrong: w))):
+                accepted.append((kind, wrong))
+    assert not accepted
+    assert refused(signed(moved(made, ("version",), float)))
+    assert refused(signed(moved(made, ("problem", "cells"), float)))
+
+
+def test_a_key_that_nobody_reads_and_a_missing_one_are_refused(made):
+    holders = [(), ("claim",), ("box",), ("tree",), ("tree", "below"), ("problem",)]
+    inner = ["gains", "path", "disturbance", "networks"]
+    holders += [("problem", name) for name in inner] + [("problem", "networks", "heading")]
+    for holder in holders:
+        node = made
+        for key in holder:
+            node = node[key]
+        for changed in (node | {"limit": 1.0}, dict(list(node.items())[1:])):
+            assert refused(signed(moved(made, holder, lambda x, c=changed: c) if holder else changed)), holder
+
+
+def test_a_key_that_is_written_twice_is_refused(made, tmp_path, capsys):
+    text = json.dumps(made).replace('"claim": {', '"claim": {"x": 9.0, ')
+    (tmp_path / "certificate.json").write_text(text)
+    assert json.loads(text) == made  # the last one counts
+    assert checker.main([str(tmp_path / "certificate.json")]) == 1
+    assert "written twice" in capsys.readouterr().out
+
+
+def test_the_checker_prints_what_is_proved(made, tmp_path, capsys):
+    (tmp_path / "certificate.json").write_text(json.dumps(made))
+    assert checker.main([str(tmp_path / "certificate.json")]) == 0
+    said = capsys.readouterr().out
+    for part in (
+        "|y| <= 0.2 m",
+        "from 0.9 s to 1.2 s",
+        "law neuro_backstepping, its error wrapped",
+        "k1: 20.0",
+        "path: type: dumbbell, amplitude: 1.0",
+        "start.velocity[0] = 0.1\n",
+        f"start.heading from {made['box']['start.heading'][0]} to {made['box']['start.heading'][1]}",
+    ):
+        assert part in said
+
+
+def test_a_grid_or_an_angle_too_large_for_the_allowance_of_rounding_is_refused():
+    for settings, why in (
+        (["certify.step=1e-4"], "a longer step is needed"),
+        (["scenario.disturbance.omega=1e4"], "passes 10000 rad"),
+    ):
+        assert why in certify(load([], [*SHORT, *settings])).why
+
+
+def test_the_time_from_which_a_bound_counts_is_compared_exactly():
+    """Of the floats 0.03 and 0.01 the quotient is rounded up to 3, but 0.03 is less than three times 0.01."""
+    numbers = problem(load([], [*SHORT, "certify.step=0.01"]))
+    assert checker.Problem(numbers | {"late": 0.03}).late == 2
+
+
+def test_the_allowance_for_rounding_does_not_vanish_for_a_slope_below_zero():
+    part = checker.Box({leaf: (0.5, 0.5) for leaf in checker.LEAVES})
+    rest = part.beyond("position", np.array([0.7]), np.array([0.7]), -0.5)[-1]
+    assert rest[0] >= 2**-53 * 0.5 * 0.7
