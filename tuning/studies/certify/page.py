@@ -10,7 +10,7 @@ from ...io import files
 from ...io.pages import grid, picture, publish
 from ...io.pictures import write_figures
 from ...io.statements import PROVED, of_kind, said
-from . import figures
+from . import checker, figures
 from .problem import nominal
 from .prove import Certified
 
@@ -43,6 +43,7 @@ def write(config: Config, found: Certified, out: Path) -> Told:
     lines, failure = sentences(config, found)
     if found.certificate:
         files.write(out / "certificate.json", files.as_json(found.certificate))
+        files.write(out / "checker.py", Path(checker.__file__).read_text(encoding="utf-8"))
     seen = figures.planes(config, found)
     lost = write_figures(out, {"map": lambda: figures.boxes(config, found, seen)}) if seen else []
     publish(out, _page(config, found, lines, bool(seen)))
@@ -106,8 +107,8 @@ def _page(config: Config, found: Certified, lines: list[str], drawn: bool) -> st
         parts.append(grid(["error", "largest that is proved", "asked"], bounds))
     if found.certificate:
         parts.append(
-            f"The proof, on {_parts(found.boxes)}, is in `certificate.json`; `python -m"
-            " tuning.studies.certify.checker certificate.json` checks it anew, as does that file alone."
+            f"The proof, on {_parts(found.boxes)}, is in `certificate.json`; `python checker.py certificate.json`, in"
+            " this folder, checks it anew, by Python and NumPy alone."
         )
     parts.append(
         "Assumed: the loop in continuous time, of which the simulation is an approximation; the law and the decoupled"
