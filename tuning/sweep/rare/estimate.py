@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...io.statements import CONFIDENCE
 from . import bounds
 from .prepare import Prepared
 from .problem import Problem
@@ -14,6 +15,9 @@ EFFECTIVE = 50.0  # effective failures of which an estimate is stated
 FACTOR = 10.0  # by which pilot and estimate may differ
 COVERED = 0.95  # share of the pilot's failures that the region must hold
 DOUBT = 0.999  # confidence with which plain draws must contradict an estimate
+# Draws decide which of two upper bounds is stated: together they fail in no more than 5 %, so the stated one does too.
+OF_PLAIN = 0.99  # confidence of that by plain draws alone
+OF_WEIGHTED = CONFIDENCE + (1 - OF_PLAIN)  # and of that by weighted draws
 
 
 class Drawn(NamedTuple):
@@ -30,7 +34,7 @@ class Estimate(NamedTuple):
 
     probability: float
     low: float  # at least so much, with 95 %
-    high: float  # at most so much, with 95 %, if all failures lie in the region
+    high: float  # at most so much, if all failures lie in the region; with `plain_high` at once, with 95 %
     everywhere: bool  # the region is all there is
     outside: int  # failures that were met outside the region
     failures: int
@@ -38,12 +42,12 @@ class Estimate(NamedTuple):
     runs: int
     plain_failures: int
     plain_runs: int
-    plain_high: float  # at most so much, with 95 %, wherever failures lie: by the plain draws alone
+    plain_high: float  # at most so much, wherever failures lie: by the plain draws alone
     refused: tuple[str, ...]  # why `probability`, `low` and `high` are not to be stated
 
     @property
     def bound(self) -> float:
-        """What may be stated: at most so much, with 95 %."""
+        """What may be stated: at most so much, with 95 %, whichever of the two the draws have chosen."""
         return self.plain_high if self.refused else self.high
 
 
@@ -69,7 +73,7 @@ def estimate(prepared: Prepared, draws: Drawn, tail: float) -> Estimate:
     made = Estimate(
         probability=float(weights.mean()),
         low=bounds.mean_at_least(inside, *known),
-        high=min(1.0, bounds.mean_at_most(inside, *known) + tail),
+        high=min(1.0, bounds.mean_at_most(inside, *known, OF_WEIGHTED) + tail),
         everywhere=prepared.everywhere,
         outside=int((draws.failed & (draws.weights > prepared.cut)).sum()),
         failures=int(draws.failed.sum()),
@@ -77,7 +81,7 @@ def estimate(prepared: Prepared, draws: Drawn, tail: float) -> Estimate:
         runs=len(weights),
         plain_failures=plain_failures,
         plain_runs=plain,
-        plain_high=min(1.0, bounds.share_at_most(plain_failures, plain) + tail),
+        plain_high=min(1.0, bounds.share_at_most(plain_failures, plain, OF_PLAIN) + tail),
         refused=(),
     )
     return made._replace(refused=tuple(_refusals(prepared, made)))

@@ -17,6 +17,8 @@ from ...io.pictures import write_figures
 from ...tune.meanings import of_metrics
 from .. import points
 from . import figures
+from .estimate import OF_PLAIN, OF_WEIGHTED, Estimate
+from .prepare import Prepared
 from .study import Outcome, Study
 
 HOW = "How this was computed"
@@ -86,17 +88,18 @@ def verdict(outcome: Outcome) -> list[str]:
             f" {_up(made.plain_high)} ({level}), a vehicle drawn from this ensemble fails ({plain}). More rollouts may"
             " make an estimate sound: --set sweep.rollouts=N."
         ]
+    where = "" if made.everywhere else ", if all failures lie in the explored region"
     said = (
-        f"**With probability at most {_up(made.high)} ({level}), a vehicle drawn from this ensemble fails**; estimate"
-        f" {made.probability:.3g}, at least {_down(made.low)} ({level}); effective sample size {made.effective:.0f} of"
-        f" {made.runs} rollouts."
+        f"**With probability at most {_up(made.high)} ({level}), a vehicle drawn from this ensemble fails{where}**;"
+        f" estimate {made.probability:.3g}, at least {_down(made.low)} ({level}); effective sample size"
+        f" {made.effective:.0f} of {made.runs} rollouts."
     )
     if made.everywhere:
         return [said, "This holds wherever the failures lie."]
     return [
         said,
-        "The upper bound assumes that all failures lie in the region that was explored: where gradients, subset"
-        " simulation and trial draws found some, and around. Without this assumption no more can be claimed than a"
+        "The explored region: where gradients, subset simulation and trial draws found failures, and around. Without"
+        " the assumption that all failures lie there no more can be claimed than a"
         f" probability of at most {_up(made.plain_high)} ({level}): {plain}; rarer failures that nothing leads to"
         " cannot be excluded.",
     ]
@@ -156,10 +159,7 @@ def _how(asked: Study, outcome: Outcome) -> str:
     before, made = outcome.prepared, outcome.estimate
     pilot = f"estimates {before.pilot:.2g}" if before.pilot else "met no failure"
     region = (
-        "all there is"
-        if before.everywhere
-        else f"where a draw weighs at most {before.cut:.2g}, so that one draw at its"
-        " edge moves the estimate by a few hundredths at most"
+        "all there is" if before.everywhere else f"where a draw weighs at most {before.cut:.2g}{edge(before, made)}"
     )
     lines = [
         f"Subset simulation {pilot}; searches by gradient and trial draws followed. In all {before.spent} rollouts,"
@@ -169,11 +169,19 @@ def _how(asked: Study, outcome: Outcome) -> str:
         " more likely the ensemble draws it than the mixture does.",
         f"The region explored: {region}. Draws that failed outside it: {made.outside}.",
         "Bounds hold for this number of draws, whatever the distribution: for weighted draws by betting (Waudby-Smith"
-        " and Ramdas 2024), for plain draws exact (Clopper and Pearson 1934). Each is one-sided.",
+        " and Ramdas 2024), for plain draws exact (Clopper and Pearson 1934). Each is one-sided. Draws decide which"
+        f" upper bound is stated, so that the weighted one is made with {100 * OF_WEIGHTED:g} % and the plain one"
+        f" with {100 * OF_PLAIN:g} %: both hold at once with {statements.PERCENT}.",
         f"Draws further out than 1e-10 in one number are not simulated; they count as failing in upper bounds"
         f" ({asked.problem.tail:.1g}).",
     ]
     return "\n".join(f"* {line}" for line in lines)
+
+
+def edge(prepared: Prepared, made: Estimate) -> str:
+    """How far one more failure at the edge of the region moves an estimate; empty where that is 0."""
+    total = made.probability * made.runs
+    return f"; one more failure at its edge would move the estimate by {prepared.cut / total:.1%}" if total else ""
 
 
 def _shown(value: np.ndarray) -> str:
