@@ -25,6 +25,7 @@ def prepare(job: dict[str, Any]) -> Callable[[], Any]:
     from tuning.compute import schedule
     from tuning.config.complete import complete
     from tuning.sweep import run, shards, work
+    from tuning.sweep.laws import CONFIGURED
 
     config = complete(Config(sweep=Sweep(over=(), ensemble=True, samples=SIZE, metrics=("total_rmse",))))
     plan = work.planned(config)
@@ -32,7 +33,7 @@ def prepare(job: dict[str, Any]) -> Callable[[], Any]:
         batch = agvjax.batch(config.scenario, plan.values(0, SIZE))
         law = agvjax.check(config.controller)
         return lambda: wait(agvjax.evaluate(law, batch, dt=1e-2, n_steps=STEPS)).total_rmse
-    made = work.manifest_of(config, plan, {"configured": config.controller})
+    made = work.manifest_of(config, plan, {CONFIGURED: config.controller})
     jobs = run.jobs(run.parcel(made), plan, work.judges(config, plan, [config.controller], config.sweep.shard))
     spelled = f"local:{job['threads']}" if job["form"] == "workers" else None
     engine = ENDS.enter_context(schedule.opened(spelled, print))

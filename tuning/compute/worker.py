@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.metadata
 import os
 import pickle
 import threading
@@ -11,13 +10,12 @@ from typing import NamedTuple
 
 import jax
 
-import agvjax
 from agvjax.engine import xla
 
 from . import compiled
 from .jobs import Jobs, Make, T
+from .packages import versions
 
-PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 DEVICES = "--xla_force_host_platform_device_count"  # said to JAX by itself
 
 
@@ -82,6 +80,6 @@ def _options() -> tuple[str, ...]:
 
 def _facts() -> tuple[tuple[str, str], ...]:
     """What results hang on besides: releases, the code itself, the kind of device."""
-    facts = {name: importlib.metadata.version(name) for name in PACKAGES}
-    facts |= {"agvjax": f"{agvjax.__version__} ({compiled.sources().hex()[:8]})", "device": jax.default_backend()}
+    facts = versions()
+    facts |= {"agvjax": f"{facts['agvjax']} ({compiled.sources().hex()[:8]})", "device": jax.default_backend()}
     return tuple(facts.items())

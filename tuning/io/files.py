@@ -83,6 +83,11 @@ def empty(folder: Path) -> bool:
     return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in there)
 
 
+def bare(folder: Path) -> bool:
+    """Whether a folder holds no more than a run that has only begun: settings, its lock, what was half written."""
+    return all(path.name in ("config.toml", LOCK) or path.suffix == ".part" for path in folder.iterdir())
+
+
 def _writer_lives(part: Path) -> bool | None:
     return lives(part.name.removesuffix(".part").rpartition(".")[2])
 
@@ -107,6 +112,21 @@ def npz(arrays: Mapping[str, ArrayLike]) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **plain)  # `allow_pickle` is an array's name to NumPy 2.0
     return buffer.getvalue()
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file by name, every byte of it checked.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is cut short or damaged, or holds what only pickle reads.
+    """
+    data = path.read_bytes()
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            return {str(name): file[name] for name in file}  # zip knows a checksum of each
+    except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+        raise ValueError(f"{path} is cut short or damaged ({type(error).__name__}: {error})") from error
 
 
 def write_json(path: Path, data: object) -> None:

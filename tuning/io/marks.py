@@ -38,7 +38,7 @@ def lives(text: str) -> bool | None:
     return True
 
 
-def age(path: Path) -> float:
+def _age(path: Path) -> float:
     """Seconds since a file was touched, by the clock of its file system, which may not be ours; < 0: in the future.
 
     Raises:
@@ -55,7 +55,7 @@ def silent(path: Path) -> bool:
     """Whether nobody has touched a file for long, or it is dated far in the future: clocks were set."""
     if abs(time.time() - path.lstat().st_mtime) < STALE / 2:
         return False
-    return abs(age(path)) > STALE
+    return abs(_age(path)) > STALE
 
 
 @functools.cache

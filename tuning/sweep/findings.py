@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..config.settings import Bound
+from ..io.statements import CONFIDENCE
 from .design import LEVELS, SENSITIVITY, Axis, Design, unit_problem
 from .results import Results
 
-CONFIDENCE = 0.95
 BINS = 24  # of an axis that was sampled
 QUANTILES = (0.05, 0.5, 0.95)
 

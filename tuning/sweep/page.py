@@ -73,7 +73,7 @@ def _what(results: Results) -> str:
 def _failures(results: Results, judged: SweepVerdict) -> str:
     plan = results.design
     drawn = _drawn(results)
-    header = ["controller", "failed", "of", "diverged", "share", "95 % interval of the probability"]
+    header = ["controller", "failed", "of", "diverged", "share", f"{statements.INTERVAL} of the probability"]
     rows = [
         [name, f.failed, f.runs, f.diverged, f"{f.share:.4%}", f"{f.low:.4%} to {f.high:.4%}"]
         for name, f in zip(results.names, judged.failures, strict=True)

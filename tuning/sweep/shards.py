@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
-import io
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -13,17 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-import agvjax
 from agvjax.metric_table import OLD_NAMES
 
+from ..compute.packages import versions
 from ..config.old import difference
 from ..io import files, plain
-from ..io.alone import LOCK
 
 MANIFEST = "manifest.json"
 FORMAT = 1
 LARGEST_MANIFEST = 1_000_000_000  # bytes
-PACKAGES = ("jax", "jaxlib", "numpy", "scipy")
 OLD_ARRAYS = {f"result/{old}": f"result/{new}" for old, new in OLD_NAMES.items()}  # in shards of earlier releases
 
 
@@ -62,10 +58,8 @@ def manifest(
 ) -> Manifest:
     """The manifest of a sweep; `units` are those of its `metrics` and `leaves`."""
     digest = _digest(config, laws.items())
-    versions = {name: importlib.metadata.version(name) for name in PACKAGES} | {"agvjax": agvjax.__version__}
-    return Manifest(
-        digest, size, shard, tuple(laws), tuple(laws.values()), config=config, seed=seed, versions=versions, **units
-    )
+    names, texts = tuple(laws), tuple(laws.values())
+    return Manifest(digest, size, shard, names, texts, config=config, seed=seed, versions=versions(), **units)
 
 
 def _digest(config: str, laws: Iterable[tuple[str, str]]) -> str:
@@ -169,13 +163,12 @@ def read_shard(
         leaves: the shape of one value of each leaf that varies, where that is to be checked too.
     """
     try:
-        with np.load(io.BytesIO(path_of(folder, shard).read_bytes()), allow_pickle=False) as file:
-            arrays = {OLD_ARRAYS.get(name, str(name)): file[name] for name in file}  # zip knows a checksum of each
-        about = tuple(arrays.pop(name) for name in ("digest", "first", "count"))
+        arrays = {OLD_ARRAYS.get(name, name): array for name, array in files.read_npz(path_of(folder, shard)).items()}
+        about = tuple(arrays.pop(name).item() for name in ("digest", "first", "count"))
         names = {"result/ok", *(f"result/{n}" for n in manifest.metrics), *(f"leaf/{n}" for n in manifest.leaves)}
         whole = about == (manifest.digest, *manifest.span(shard)) and names == set(arrays)
         return arrays if whole and _fitting(manifest, shard, arrays, leaves) else None
-    except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+    except (OSError, ValueError, KeyError):
         return None
 
 
@@ -210,7 +203,7 @@ def begun(folder: Path, manifest: Manifest) -> bool:
     """Whether this sweep was begun in a folder without a manifest: it was lost, or not written yet."""
     if any(read_shard(folder, manifest, i) is not None for i in range(manifest.shards)):
         return True
-    return all(path.name in ("config.toml", LOCK) or path.suffix == ".part" for path in folder.iterdir())
+    return files.bare(folder)
 
 
 def sweep_up(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +14,7 @@ from agvjax import Fault, InputError
 from agvjax.metric_table import METRICS, OLD_NAMES
 
 from ..config import dump, gains_table
-from ..io.files import write, write_csv, write_npz
+from ..io.files import read_npz, write, write_csv, write_npz
 from . import populations
 from .methods.method import Progress
 from .problem import TuningProblem
@@ -101,8 +100,7 @@ def load(folder: Path, fresh: Run) -> Run:
     """
     path = folder / CHECKPOINT
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            saved = dict(file)
+        saved = read_npz(path)
         searches = tuple(_search(saved, i, fresh.searches[0]) for i in range(int(saved["searches"])))
         if not searches or int(saved["round"]) < 0:
             raise ValueError("it holds no search")
@@ -116,7 +114,7 @@ def load(folder: Path, fresh: Run) -> Run:
             tightened=saved.get("tightened"),
             promises=saved.get("promises"),
         )
-    except Exception as error:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+    except Exception as error:  # what is in a whole file may be anything, too
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error
 
 
