@@ -59,6 +59,25 @@ def begun_in(name: str | None, command: str) -> Iterator[Path]:
         raise
 
 
+def usable(name: str | None, command: str) -> None:
+    """Refuse what `new_folder` would refuse and make nothing, for a command that has long work before it writes.
+
+    Args:
+        name: of the folder; None for one under `runs`.
+        command: that writes there.
+    """
+    out = Path(name or "runs")
+    try:
+        there = next(path for path in (out, *out.parents) if path.exists())
+        if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+            raise OSError(f"{there} is no folder, or nobody may write in it")
+        taken = name is not None and there == out and not files.empty(out)
+    except (OSError, ValueError) as error:
+        raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error
+    if taken:
+        raise not_empty(out, command)
+
+
 def not_empty(out: Path, command: str) -> InputError:
     """What is said of a folder that a command cannot begin in."""
     rule = "a new or empty folder: this one is not empty; choose another"
@@ -87,19 +106,31 @@ def same_folder(name: str | None, command: str, config: Config) -> Path:
     try:
         if files.empty(out):
             return new_folder(name, command, config)
+    except OSError as error:
+        raise _no_run(name, error) from error
+    same_settings(out, config)
+    files.sweep_up(out)
+    return out
+
+
+def same_settings(out: Path, config: Config, key: str = "--resume") -> None:
+    """Refuse a folder whose settings are not those of `config`; `key` is the option that names it."""
+    try:
         before = files.text(out / "config.toml")
     except (OSError, ValueError) as error:
-        rule = "used with --out, the folder of a run: there is no config.toml in it that can be read"
-        raise InputError([Fault("--resume", name or "without --out", f"{rule} ({error})")]) from error
+        raise _no_run(str(out), error, key) from error
     try:
         changed = difference(before, dump(config))
     except ValueError as error:
         rule = f"a run whose config.toml is whole; {out / 'config.toml'} is damaged ({error})"
-        raise InputError([Fault("--resume", name, rule)]) from error
+        raise InputError([Fault(key, str(out), rule)]) from error
     if changed:
-        raise InputError([Fault("--resume", name, f"the run that these settings began; changed: {changed}")])
-    files.sweep_up(out)
-    return out
+        raise InputError([Fault(key, str(out), f"the run that these settings began; changed: {changed}")])
+
+
+def _no_run(name: str | None, error: Exception, key: str = "--resume") -> InputError:
+    rule = "used with --out, the folder of a run: there is no config.toml in it that can be read"
+    return InputError([Fault(key, name or "without --out", f"{rule} ({error})")])
 
 
 def of_run(name: str, file: str) -> str:

@@ -8,6 +8,8 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
+from agvjax import Fault, InputError
+
 from .. import config as configuration
 from ..compute import schedule
 from ..compute.jobs import Engine, Jobs, WorkFailed
@@ -25,6 +27,9 @@ from .sweep_folder import begin, begun
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute the shards that are missing, and write the report."""
+    _of_earlier_releases(arguments)
+    if arguments.scheduler is not None:
+        schedule.checked(arguments.scheduler)
     if arguments.rare:
         return rare.run(arguments)
     config, console = configure(arguments, faults, swept(arguments), moving)
@@ -34,20 +39,26 @@ def run(arguments: argparse.Namespace) -> int:
         ours.enter_context(failing((WorkFailed,)))
         before = begun(arguments, console, manifest, ours)
         warn(console, config, "sweep", moving=moving(config))
-        if arguments.process_id is not None or arguments.num_processes is not None:
-            console.warn(
-                "--num-processes and --process-id do nothing here any more; workers share a sweep: --scheduler"
-            )
-        engine = ours.enter_context(schedule.opened(arguments.scheduler, console.note))
-        console.say(f"{plan.size} scenarios, {len(laws)} controller(s), {manifest.shards} shards; compiling ...")
+        missing = shards.missing(*before, plan.leaf_shapes, console.note) if before else None
         alike = None if arguments.scheduler is None else 1  # then workers of this machine find it compiled
-        judges = work.judges(config, plan, list(laws.values()), manifest.block, alike)
-        verdict.bounds_of(config, plan, judges[0], manifest.block)  # before all the work, and before a file is written
-        out, manifest = before or begin(arguments, console, manifest, configuration.dump(config), ours)
-        made = jobs(parcel(manifest, arguments.imports), plan, judges)
-        _fill(out, manifest, shards.missing(out, manifest, plan.leaf_shapes, console.note), made, engine, console)
+        with schedule.opened(arguments.scheduler if missing != [] else None, console.note) as engine:
+            console.say(f"{plan.size} scenarios, {len(laws)} controller(s), {manifest.shards} shards; compiling ...")
+            judges = work.judges(config, plan, list(laws.values()), manifest.block, alike)
+            verdict.bounds_of(config, plan, judges[0], manifest.block)  # before all the work, and a file is written
+            out, manifest = before or begin(arguments, console, manifest, configuration.dump(config), ours)
+            if missing is None:
+                missing = shards.missing(out, manifest, plan.leaf_shapes, console.note)
+            _fill(out, manifest, missing, jobs(parcel(manifest, arguments.imports), plan, judges), engine, console)
         conclude(config, out, manifest, plan, laws, judges, console.say)
     return 0
+
+
+def _of_earlier_releases(arguments: argparse.Namespace) -> None:
+    """Refuse the options by which processes once shared a sweep: what they ask for would not be done."""
+    given = {"--num-processes": arguments.num_processes, "--process-id": arguments.process_id}
+    rule = "left out: workers share a sweep, --scheduler"
+    if wrong := [Fault(name, value, rule) for name, value in given.items() if value is not None]:
+        raise InputError(wrong)
 
 
 def _fill(

@@ -14,48 +14,57 @@ from ..io import files
 from ..io.alone import alone
 from ..sweep import shards
 from .console import Console
-from .folders import new_folder, not_empty
+from .folders import new_folder, usable
+
+
+def begun(
+    arguments: argparse.Namespace, console: Console, manifest: shards.Manifest, ours: contextlib.ExitStack
+) -> tuple[Path, shards.Manifest] | None:
+    """The folder in which this very sweep has begun, `ours` alone from now on, and its own manifest.
+
+    None where a sweep may begin; nothing is written then.
+    """
+    out = Path(arguments.out or os.devnull)
+    if (out / shards.MANIFEST).exists():
+        ours.enter_context(alone(out))
+        return out, _taken_up(out, console, manifest)
+    if arguments.resume:
+        raise InputError([Fault("--resume", arguments.out, "used with --out, the folder of a sweep that has begun")])
+    if not _lost(out, manifest):
+        usable(arguments.out, arguments.command)
+    return None
 
 
 def begin(
     arguments: argparse.Namespace, console: Console, manifest: shards.Manifest, text: str, ours: contextlib.ExitStack
 ) -> tuple[Path, shards.Manifest]:
-    """A new folder with the manifest and the settings, unless another process has begun in it meanwhile."""
+    """A new folder, `ours` alone, with the manifest and the settings, unless another process has begun in it meanwhile.
+
+    Args:
+        arguments: of the command.
+        console: where to say what is noteworthy.
+        manifest: of the sweep.
+        text: the settings, TOML.
+        ours: keeps the folder for this process.
+    """
     out = Path(arguments.out or os.devnull)
-    try:
+    if not _lost(out, manifest):
         out = new_folder(arguments.out, arguments.command)
-    except InputError:
-        if not out.is_dir() or not shards.begun(out, manifest):
-            raise
     ours.enter_context(alone(out))
-    if found := begun(arguments, console, manifest, None, out):
-        return found
+    if (out / shards.MANIFEST).exists():
+        return out, _taken_up(out, console, manifest)
     files.write(out / "config.toml", text)
     shards.write_manifest(out, manifest)
     return out, manifest
 
 
-def begun(
-    arguments: argparse.Namespace,
-    console: Console,
-    manifest: shards.Manifest,
-    ours: contextlib.ExitStack | None,
-    out: Path | None = None,
-) -> tuple[Path, shards.Manifest] | None:
-    """The folder in which this very sweep has begun, with its own manifest; None where none has.
+def _lost(out: Path, manifest: shards.Manifest) -> bool:
+    """Whether this sweep has begun in a folder that is not empty, and its manifest was lost, or not written yet."""
+    return out.is_dir() and not files.empty(out) and shards.begun(out, manifest)
 
-    It is held by `ours` alone from then on; None: it is already.
-    """
-    out = out or Path(arguments.out or os.devnull)
-    if not (out / shards.MANIFEST).exists():
-        if arguments.resume:
-            rule = "used with --out, the folder of a sweep that has begun"
-            raise InputError([Fault("--resume", arguments.out, rule)])
-        if arguments.out and out.is_dir() and not files.empty(out) and not shards.begun(out, manifest):
-            raise not_empty(out, arguments.command)
-        return None
-    if ours is not None:
-        ours.enter_context(alone(out))
+
+def _taken_up(out: Path, console: Console, manifest: shards.Manifest) -> shards.Manifest:
+    """The manifest to go on with, of the same sweep as the one that lies in the folder."""
     try:
         before = shards.read_manifest(out)
     except ValueError as error:
@@ -68,4 +77,4 @@ def begun(
         console.note(f"this sweep was begun with {before.versions}, here are {manifest.versions}")
     if counts_first_command(before.config):
         console.note("in its finished shards the variation of commands and of what is delivered counts the first, too")
-    return out, manifest
+    return manifest

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import logging
-import shutil
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -103,8 +102,6 @@ def _cluster(kind: str, count: int, key: str) -> Cluster:
             return LocalCluster(n_workers=count, threads_per_worker=1, **more)
     if kind == "kubernetes":
         return importlib.import_module("dask_kubernetes.operator").KubeCluster(n_workers=count, quiet=True)
-    if shutil.which("sbatch") is None:
-        raise InputError([Fault(key, f"slurm:{count}", "used where SLURM is: there is no sbatch on the PATH")])
     from dask_jobqueue.slurm import SLURMCluster
 
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import re
+import shutil
 from collections.abc import Callable, Iterator
 
 from agvjax import Fault, InputError
@@ -24,7 +25,7 @@ def checked(spelled: str, key: str = "--scheduler") -> tuple[str, str]:
     """The kind of a scheduler, `address` among them, and how many or where.
 
     Raises:
-        InputError: nobody knows it, or what it needs is not installed.
+        InputError: nobody knows it, or what it needs is not there.
     """
     match = SPELLED.fullmatch(spelled)
     if match is None:
@@ -33,6 +34,8 @@ def checked(spelled: str, key: str = "--scheduler") -> tuple[str, str]:
     for module, install in (("distributed", INSTALL), NEEDS.get(kind, ("distributed", INSTALL))):
         if importlib.util.find_spec(module) is None:
             raise InputError([Fault(key, spelled, f"one whose package is installed ({module} is not: {install})")])
+    if kind == "slurm" and shutil.which("sbatch") is None:
+        raise InputError([Fault(key, spelled, "used where SLURM is: there is no sbatch on the PATH")])
     return kind, match["count"] or match["address"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,8 +16,9 @@ from ..config.load import said
 from ..config.settings import Config
 from ..io import files
 from ..io.alone import alone
-from . import results, shards, work
+from . import results, sent, shards, work
 from .design import Design
+from .laws import CONFIGURED
 from .results import Results
 from .rules import faults
 from .shards import Manifest
@@ -46,11 +46,12 @@ def run_sweep(
         ValueError: the folder holds another sweep.
         tuning.compute.jobs.WorkFailed: workers failed; the same call goes on.
     """
-    laws = {"configured": config.controller} if laws is None else dict(laws)
+    laws = {CONFIGURED: config.controller} if laws is None else dict(laws)
     config = configuration.check(config, faults)
     folder, plan = Path(folder), work.planned(config)
     manifest = work.manifest_of(config, plan, laws)
     if scheduler is not None:
+        schedule.checked(scheduler, "scheduler")
         _read(parcel(manifest, imports))  # before anything is written, what workers could not read
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
@@ -103,16 +104,16 @@ class Parcel(NamedTuple):
 
     Attributes:
         manifest: of it.
-        files: those of classes of one's own, name and content.
+        files: those of classes of one's own.
     """
 
     manifest: Manifest
-    files: tuple[tuple[str, bytes], ...]
+    files: sent.Files
 
 
 def parcel(manifest: Manifest, imports: Sequence[str] = ()) -> Parcel:
     """A sweep with the files that its classes of one's own are in."""
-    return Parcel(manifest, tuple((Path(name).name, files.content(Path(name))) for name in imports))
+    return Parcel(manifest, sent.packed(imports))
 
 
 def jobs(parcel: Parcel, plan: Design, every: Sequence[work.Judge]) -> Jobs[Parcel]:
@@ -141,14 +142,8 @@ def _read(parcel: Parcel) -> tuple[Config, list[Law]]:
         ValueError: they are read to something else than they were written of.
     """
     manifest = parcel.manifest
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder, name) for name, _ in parcel.files]
-        for path, (_, content) in zip(paths, parcel.files, strict=True):
-            path.write_bytes(content)
-        imports = [str(path) for path in paths]
+    with sent.unpacked(parcel.files) as imports:
         config = results.config_of(manifest, imports)
         laws = [results.controller_of(manifest, i, imports) for i in range(len(manifest.names))]
-    again = configuration.dump(config, strict=False), *map(configuration.gains_table, laws)
-    if again != (manifest.config, *manifest.controllers):
-        raise ValueError("the sweep is read to other settings than it was written of")
+    sent.same(config, laws, (manifest.config, *manifest.controllers))
     return config, laws

@@ -384,7 +384,12 @@ BAD_SWEEP = {
     "coarse step": (["--set", "sweep.dt=0.05"], ("sweep.dt", "0.05", "command filter")),
     "gains too fast": (["--over", "controller.omega_n=50:500:3"], ("sweep.dt", "omega_n", "command filter")),
     "no such scheduler": (["--scheduler", "local:0"], ("--scheduler", "local:0", "local:N, tcp://HOST:PORT")),
+    "processes of earlier releases": (
+        ["--num-processes", "2", "--process-id", "1"],
+        ("--num-processes = 2", "--process-id = 1", "workers share a sweep, --scheduler"),
+    ),
     "nothing to go on with": (["--resume"], ("--resume", "has begun")),
+    "nothing to go on with, --rare": (["--rare", "--ensemble", "--resume"], ("--resume", "has begun")),
 }
 
 

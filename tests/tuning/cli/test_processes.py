@@ -84,13 +84,6 @@ def test_a_second_process_in_the_folder_is_refused_and_the_first_goes_on(undistu
     same(out, undisturbed[0])
 
 
-def test_numbers_of_processes_are_read_and_said_to_do_nothing(tmp_path):
-    few = arguments("sweep", tmp_path / "out", SWEEP, "--ensemble", "--samples", 20)
-    _, said = run([*few, "--num-processes", "2", "--process-id", "1"])
-    assert "--num-processes and --process-id do nothing here any more" in said
-    assert results.load(tmp_path / "out").ok.shape == (1, 20)
-
-
 def test_a_full_disk_stops_with_a_message_and_loses_nothing(undisturbed, tmp_path):
     """The limit on the size of a file stands for it: shards are larger than the manifest."""
     out = tmp_path / "full"

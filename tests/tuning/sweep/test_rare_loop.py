@@ -5,6 +5,7 @@ import dataclasses
 import json
 import pickle
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -13,17 +14,18 @@ from scipy import stats
 import agvjax
 from agvjax import InputError
 from claimed import meant, unqualified
-from commands import contents
+from commands import contents, python
 from laws import Proportional
 from tuning import Between, Config, Distribution, OneOf, Simulate, Tune
-from tuning.cli import rare
+from tuning.cli import phases, rare
 from tuning.cli.main import main
+from tuning.compute.packages import versions
 from tuning.config.complete import complete
 from tuning.config.settings import Bound, Ensemble, Search, Sweep
 from tuning.ensemble.draws import Correlation, Span, correlated
 from tuning.io.alone import alone
 from tuning.sweep.design import design
-from tuning.sweep.rare import chunks, loop, rules, search
+from tuning.sweep.rare import chunks, loop, rules, search, study
 
 pytestmark = pytest.mark.usefixtures("promotion_as_optax_has_it")
 X, SPEED = "start.position[0]", "start.velocity"
@@ -187,6 +189,97 @@ def test_what_others_draw_is_what_this_process_draws(searched, monkeypatch):
     assert main([*argv, "--quiet", "--scheduler", "local:2"]) == 0
     after = contents(out)
     assert counted and {str(name) for name in before if before[name] != after.get(name)} <= {"report.md", "report.html"}
+
+
+def forbidden(*_):
+    raise AssertionError("it was begun")
+
+
+def test_the_folder_of_another_command_is_not_taken_over_and_said_at_once(searched, tmp_path, monkeypatch, capsys):
+    """One of `tune` has the same settings in it."""
+    out, argv, _ = searched
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "config.toml").write_bytes((out / "config.toml").read_bytes())
+    (other / "gains.toml").write_text("k1 = 20.0\n")
+    before = contents(other)
+    monkeypatch.setattr(rare.study, "posed", forbidden)
+    monkeypatch.setattr(rare.schedule, "opened", forbidden)
+    here = ["--out", str(other)]
+    assert main([*argv, *here]) == 2 and "not empty" in capsys.readouterr().err
+    assert main([*argv, *here, "--resume"]) == 2 and "a search that has begun" in capsys.readouterr().err
+    assert main([*argv, "--set", "seed=5"]) == 2 and "is `seed = 5`" in capsys.readouterr().err
+    assert main([*argv, "--out", str(other / "gains.toml" / "below")]) == 2
+    assert "--out" in capsys.readouterr().err and contents(other) == before
+    (other / "gains.toml").unlink()  # a search that was killed after its first file
+    with pytest.raises(AssertionError, match="it was begun"):
+        main([*argv, *here])
+
+
+def test_workers_are_asked_for_when_draws_begin_and_every_rollout_is_counted_once(searched, tmp_path, monkeypatch):
+    out, argv, _ = searched
+    found = json.loads((out / "rare.json").read_text())
+    new, asked, counted = tmp_path / "new", [], []
+    monkeypatch.setattr(phases.Phase, "advance", lambda phase, n=1, before=False: counted.append(n))
+
+    @contextlib.contextmanager
+    def opened(*_):
+        asked.append((new / "rare-search.npz").exists())
+        yield Elsewhere()
+
+    for engine in (opened, rare.schedule.opened):
+        shutil.rmtree(new, ignore_errors=True)
+        counted.clear()
+        with monkeypatch.context() as patched:
+            patched.setattr(rare.schedule, "opened", engine)
+            assert main([*argv, "--quiet", "--out", str(new)]) == 0
+        assert sum(counted) == 10_000 >= found["rollouts"] and len(counted) > 10  # some lie too far out to be simulated
+    assert asked == [True]
+    monkeypatch.setattr(rare.schedule, "opened", forbidden)
+    assert main([*argv, "--quiet", "--out", str(new)]) == 0  # all is there
+
+
+def test_what_other_releases_made_is_made_again_and_said(searched, tmp_path, monkeypatch, capsys):
+    out, argv, _ = searched
+    old = tmp_path / "old"
+    shutil.copytree(out, old)
+    (old / "rare-draws-00003.npz").write_bytes(b"damaged")
+    assert main([*argv, "--out", str(old)]) == 0
+    said = capsys.readouterr().out
+    assert "note: 1 files of draws are damaged, or of another search (rare-draws-00003.npz first)" in said
+    assert "rare-search.npz" not in said
+    monkeypatch.setattr(study, "versions", lambda: versions() | {"jax": "0.1"})
+    assert main([*argv, "--out", str(old)]) == 0
+    said = capsys.readouterr().out
+    assert "note: rare-search.npz is damaged, or of other settings or releases of jax, " in said
+    ours, theirs = (np.load(folder / "rare-search.npz") for folder in (out, old))
+    assert str(ours["digest"]) != str(theirs["digest"]) and float(ours["cut"]) == float(theirs["cut"])
+
+
+SIX = """
+import jax, numpy as np
+jax.config.update("jax_enable_x64", True)
+import agvjax
+from tuning import Between, Config, Simulate, Span, Sweep
+from tuning.config.complete import complete
+from tuning.sweep.design import design
+from tuning.sweep.rare import loop
+
+assert jax.local_device_count() == 6
+over = ({"start.heading": Span(Between(-0.5, 0.5))}, {"disturbance.amplitude": Span(Between(0.0, 1.0))})
+config = complete(Config(simulate=Simulate(horizon=0.1), sweep=Sweep(over=over, integrator="euler")))
+plan, u = design(config), np.random.default_rng(0).normal(size=(900, 2))
+levels = []
+assert [loop.together(devices) for devices in (None, 1, 3, 4, 16)] == [768, 512, 768, 512, 2048]
+for devices in (None, 1):
+    levels.append(loop.problem(config, plan, config.controller, {"total_rmse": 0.2}, devices).levels(u))
+assert len(np.unique(levels[0])) > 100
+print(np.array_equal(*levels))
+"""
+
+
+def test_every_core_has_a_block_and_results_hang_on_no_number_of_them():
+    assert python(SIX, JAX_NUM_CPU_DEVICES="6") == "True\n"
 
 
 def test_a_second_process_in_the_folder_is_refused(searched, capsys):

@@ -1,14 +1,19 @@
 """What is sent of a sweep to another process, and that the same shards are made of it there."""
 
+import contextlib
 import pickle
+import types
 
 import pytest
 
 from agvjax import InputError
-from commands import ROOT
+from commands import ROOT, arguments
 from laws import Proportional
 from tuning import Between, Config, Simulate, Span, Sweep, run_sweep
 from tuning import config as configuration
+from tuning.cli import sweep as command
+from tuning.cli.main import main
+from tuning.compute import schedule
 from tuning.config.complete import complete
 from tuning.sweep import rules, run, work
 
@@ -41,6 +46,31 @@ def test_files_of_classes_of_ones_own_are_sent_along():
     config = configuration.load([], [*SMALL, *OWN], rules.faults, more, imports=[file], note=[].append)
     ours, theirs = elsewhere(config, {"configured": config.controller}, [file])
     assert ours == theirs
+
+
+def test_a_scheduler_that_nobody_knows_leaves_no_folder(tmp_path):
+    config = configuration.load([], [*SMALL, "sweep.ensemble=true"], rules.faults, note=[].append)
+    with pytest.raises(InputError, match="local:0"):
+        run_sweep(config, tmp_path / "sweep", scheduler="local:0")
+    assert not list(tmp_path.iterdir())
+
+
+def test_workers_are_let_go_before_the_report_and_not_asked_for_a_finished_sweep(tmp_path, monkeypatch):
+    happened = []
+
+    @contextlib.contextmanager
+    def opened(spelled, note):
+        happened.append(spelled)
+        with schedule.opened(None, note) as engine:
+            yield engine
+        happened.append("closed")
+
+    monkeypatch.setattr(command, "schedule", types.SimpleNamespace(opened=opened, checked=lambda spelled: None))
+    monkeypatch.setattr(command, "conclude", lambda *_: happened.append("concluded"))
+    argv = [*arguments("sweep", tmp_path / "out", SMALL, "--ensemble", "--quiet"), "--scheduler", "local:2"]
+    for _ in range(2):
+        assert main(argv) == 0
+    assert happened == ["local:2", "closed", "concluded", None, "closed", "concluded"]
 
 
 def test_a_law_that_only_python_knows_is_refused_before_anything_is_computed(tmp_path):

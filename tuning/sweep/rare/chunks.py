@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import io
-import tempfile
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike
 
-from ... import config as configuration
-from ...compute.jobs import Engine, Here, Jobs, Make
+from ...compute.jobs import Engine, Jobs, Make
 from ...config.load import resolve
 from ...config.settings import Config
 from ...io import files
+from .. import sent
 from ..design import design
 from ..laws import law_of
 from . import loop
@@ -44,7 +43,7 @@ class Parcel(NamedTuple):
         seed: of the draws.
         size: draws in a chunk.
         digest: of all that.
-        files: those of classes of one's own, name and content.
+        files: those of classes of one's own.
     """
 
     config: str
@@ -54,7 +53,7 @@ class Parcel(NamedTuple):
     seed: int
     size: int
     digest: str
-    files: tuple[tuple[str, bytes], ...]
+    files: sent.Files
 
     def span(self, number: int) -> tuple[int, int]:
         """The first draw of a chunk, and how many it has."""
@@ -66,10 +65,9 @@ def parcel(
     config: Config, bounds: Mapping[str, float], prepared: Prepared, digest: str, imports: Sequence[str]
 ) -> Parcel:
     """Of a search, with the files that its classes of one's own are in."""
-    texts = configuration.dump(config, strict=False), configuration.gains_table(config.controller)
+    text, gains = sent.texts(config, [config.controller])
     found = {name: np.asarray(value) for name, value in arrays(prepared).items()}
-    own = tuple((Path(name).name, files.content(Path(name))) for name in imports)
-    return Parcel(*texts, dict(bounds), found, config.seed, config.sweep.shard, digest, own)
+    return Parcel(text, gains, dict(bounds), found, config.seed, config.sweep.shard, digest, sent.packed(imports))
 
 
 def jobs(parcel: Parcel, problem: Problem) -> Jobs[Parcel]:
@@ -84,16 +82,12 @@ def prepare(parcel: Parcel) -> Make:
         agvjax.InputError: the configuration names a class that no file has.
         ValueError: it is read to something else than it was written of.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder, name) for name, _ in parcel.files]
-        for path, (_, content) in zip(paths, parcel.files, strict=True):
-            path.write_bytes(content)
-        table, imports = tomllib.loads(parcel.config), [str(path) for path in paths]
+    table = tomllib.loads(parcel.config)
+    with sent.unpacked(parcel.files) as imports:
         config = resolve(table, faults, imports)
         law = law_of(tomllib.loads(parcel.gains), table, imports)
     config = dataclasses.replace(config, controller=law)
-    if (configuration.dump(config, strict=False), configuration.gains_table(law)) != (parcel.config, parcel.gains):
-        raise ValueError("the search is read to other settings than it was written of")
+    sent.same(config, [law], (parcel.config, parcel.gains))
     return functools.partial(_chunk, parcel, loop.problem(config, design(config), law, parcel.bounds, devices=1))
 
 
@@ -103,14 +97,21 @@ def _chunk(parcel: Parcel, problem: Problem, number: int) -> bytes:
     return packed(parcel.digest, {"failed": made.failed})
 
 
-def drawn_in(folder: Path, jobs: Jobs[Parcel], engine: Engine, tick: Callable[[int], None]) -> Drawn:
+def drawn_in(
+    folder: Path,
+    jobs: Jobs[Parcel],
+    opened: Callable[[], AbstractContextManager[Engine]],
+    tick: Callable[[int], None],
+    note: Callable[[str], None],
+) -> Drawn:
     """All draws; what the folder does not hold is made and kept there.
 
     Args:
         folder: where to keep them.
         jobs: what makes them.
-        engine: who does.
-        tick: called with the number of draws that are there already, or that others have made.
+        opened: who does, called if some are missing.
+        tick: called with the number of draws that are there.
+        note: told of files that are made again.
 
     Raises:
         WorkFailed: workers failed; what is written is whole.
@@ -123,10 +124,13 @@ def drawn_in(folder: Path, jobs: Jobs[Parcel], engine: Engine, tick: Callable[[i
             missing.append(i)
         else:
             tick(parcel.span(i)[1])
-    for i, data in engine.each(jobs, missing):
-        files.write(paths[i], data)
-        if not isinstance(engine, Here):  # in this process the problem itself counts
-            tick(parcel.span(i)[1])
+    if spoilt := [paths[i].name for i in missing if paths[i].exists()]:
+        note(f"{len(spoilt)} files of draws are damaged, or of another search ({spoilt[0]} first): made again")
+    if missing:
+        with opened() as engine:
+            for i, data in engine.each(jobs, missing):
+                files.write(paths[i], data)
+                tick(parcel.span(i)[1])
     parts = []
     for i, path in enumerate(paths):
         u, plain = prepared.mixture.draw(parcel.seed, "estimate", *parcel.span(i))
@@ -165,8 +169,7 @@ def packed(digest: str, arrays: Mapping[str, ArrayLike]) -> bytes:
 def read(path: Path, digest: str) -> Arrays | None:
     """What a file holds, every byte of it checked; None if it is absent, cut short, damaged or of other settings."""
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            arrays = {str(name): file[name] for name in file}  # zip knows a checksum of each
+        arrays = files.read_npz(path)
         return arrays if str(arrays.pop("digest")) == digest else None
-    except Exception:  # NumPy and zipfile raise half a dozen kinds for a damaged file
+    except (OSError, ValueError, KeyError):
         return None

@@ -11,14 +11,15 @@ import numpy as np
 from jaxtyping import Array
 
 import agvjax
-from agvjax.evaluate import layout
+from agvjax.evaluate import BLOCK
 from agvjax.protocols import Law
 
 from ...config.settings import Config
 from ..design import Design, Leaves
 from .problem import FARTHEST, NEAREST, Problem
 
-BLOCK, CLIMB = 512, 16  # vehicles rolled out together, and with their tangents; the last block repeats one
+LEAST = 4  # blocks of vehicles rolled out at once, and one for every device where there are more
+CLIMB = 16  # vehicles whose tangents are rolled out together
 SIDE = 1e-3  # of a normal number, either way, for the slope of a leaf in it
 
 Judge = Callable[[Leaves], dict[str, Array]]  # leaves of B vehicles -> `ok` and metrics (B,)
@@ -37,7 +38,6 @@ def problem(  # long: two functions that share what was compiled
     plan: Design,
     law: Law,
     bounds: Mapping[str, float],
-    tick: Callable[[int], None] = lambda vehicles: None,
     devices: int | None = None,
 ) -> Problem:
     """What fails of a sweep with one law.
@@ -50,19 +50,17 @@ def problem(  # long: two functions that share what was compiled
         plan: its scenarios, all axes sampled.
         law: the controller.
         bounds: beyond which a run has failed, by metric.
-        tick: called with the number of vehicles that were rolled out.
         devices: of JAX, that share the work; None: all.
     """
     rollout = functools.partial(_rollout, judge(config, plan, agvjax.check(law), tuple(bounds), devices))
     looking, climbing = jax.jit(rollout), jax.jit(functools.partial(_climb, rollout))
-    limits = np.array(list(bounds.values()))
+    limits, many = np.array(list(bounds.values())), together(devices)
 
     def look(u: np.ndarray) -> np.ndarray:
         found = []
-        for rows in _blocks(len(u), BLOCK):
+        for rows in _blocks(len(u), many):
             values, ok = looking(_cast(vehicles(plan, u[rows])))
             found.append(_levels(np.asarray(values), np.asarray(ok), limits))
-            tick(min(BLOCK, len(u) - len(found) * BLOCK + BLOCK))
         return np.concatenate(found)[: len(u)]
 
     def climb(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,10 +69,15 @@ def problem(  # long: two functions that share what was compiled
             values, ok, slopes = map(np.asarray, climbing(_cast(vehicles(plan, u[rows])), _tangents(plan, u[rows])))
             found.append(_levels(values, ok, limits))
             steep.append(_steepest(values, slopes, limits))
-            tick(min(CLIMB, len(u) - len(found) * CLIMB + CLIMB) * (1 + u.shape[1]))
         return np.concatenate(found)[: len(u)], np.concatenate(steep)[: len(u)]
 
     return Problem(len(plan.sampled), look, climb)
+
+
+def together(devices: int | None) -> int:
+    """How many vehicles are rolled out at once: as many blocks for every device, at least `LEAST` in all."""
+    count = jax.local_device_count() if devices is None else devices
+    return BLOCK * count * -(-LEAST // count)
 
 
 def _steepest(values: np.ndarray, slopes: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -88,10 +91,9 @@ def _steepest(values: np.ndarray, slopes: np.ndarray, limits: np.ndarray) -> np.
 def judge(config: Config, plan: Design, law: Law, names: Sequence[str], devices: int | None = None) -> Judge:
     """What makes `ok` and the named metrics (n,) of leaves (n, ...).
 
-    Blocks are those that one device has, so that results hang on no number of `devices`.
+    Blocks have one size, so that results hang on no number of `devices`.
     """
     criteria = agvjax.Criteria.of(tuple(names), like=config.judged())
-    block = layout(BLOCK, None, 1)[1]
 
     def judged(leaves: Leaves) -> dict[str, Array]:
         lawful, values = plan.split(leaves)
@@ -99,7 +101,7 @@ def judge(config: Config, plan: Design, law: Law, names: Sequence[str], devices:
             agvjax.batch(law, lawful) if lawful else law,
             agvjax.batch(plan.scenario, values) if values else plan.scenario,
             criteria=criteria,
-            block=block,
+            block=BLOCK,
             devices=devices,
             **config.timing("sweep"),
         )
@@ -148,7 +150,7 @@ def _tangents(plan: Design, u: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _blocks(count: int, size: int) -> list[np.ndarray]:
-    """Rows of blocks of one size, so that one compilation serves any number."""
+    """Rows of blocks of one size, so that one compilation serves any number; the last block repeats one."""
     return [np.minimum(np.arange(first, first + size), count - 1) for first in range(0, count, size)]
 
 

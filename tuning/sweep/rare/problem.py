@@ -20,12 +20,14 @@ class Problem:
         size: D.
         look: levels (n,) of u (n, D).
         climb: levels (n,) and slopes (n, D); None where there are none.
+        tick: called with the number of vehicles that were rolled out.
         rollouts: of single vehicles, so far; a gradient counts 1 + its tangents.
     """
 
     size: int
     look: Callable[[np.ndarray], np.ndarray]
     climb: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+    tick: Callable[[int], None] = lambda vehicles: None
     rollouts: int = 0
 
     def levels(self, u: np.ndarray) -> np.ndarray:
@@ -34,7 +36,7 @@ class Problem:
         levels = np.full(len(u), -np.inf)
         if inside.any():
             levels[inside] = self.look(u[inside])
-        self.rollouts += int(inside.sum())
+        self._count(int(inside.sum()))
         return levels
 
     def slopes(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -42,8 +44,12 @@ class Problem:
         if self.climb is None:
             return self.levels(u), np.zeros_like(u)
         levels, slopes = self.climb(u)
-        self.rollouts += len(u) * (1 + self.size)
+        self._count(len(u) * (1 + self.size))
         return levels, np.where(np.isfinite(levels)[:, None] & np.isfinite(slopes), slopes, 0.0)
+
+    def _count(self, rollouts: int) -> None:
+        self.rollouts += rollouts
+        self.tick(rollouts)
 
     @property
     def tail(self) -> float:

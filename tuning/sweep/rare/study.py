@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import hashlib
+import json
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 import agvjax
 
 from ... import config as configuration
-from ...compute.jobs import Engine, Here
+from ...compute import schedule
+from ...compute.jobs import Engine
+from ...compute.packages import versions
 from ...config.settings import Config
 from ...io import files
 from ...io.alone import alone
@@ -29,6 +36,7 @@ FOUND = "rare-search"  # the file of what was prepared
 SHOWN = 6  # most likely failures that are kept
 Said = Callable[[str], None]
 Counted = Callable[[int], None]
+Opened = Callable[[], AbstractContextManager[Engine]]
 
 
 def silent(text: str) -> None:
@@ -39,6 +47,9 @@ def uncounted(vehicles: int) -> None:
     """Count nothing."""
 
 
+HERE: Opened = functools.partial(schedule.opened, None, silent)
+
+
 class Study(NamedTuple):
     """What is asked: of which vehicles, and what counts as a failure."""
 
@@ -47,7 +58,7 @@ class Study(NamedTuple):
     bounds: dict[str, float]  # beyond which a run has failed
     judge: loop.Judge
     problem: Problem
-    digest: str  # of the configuration
+    digest: str  # of the configuration, and of the packages that compute
 
 
 class Point(NamedTuple):
@@ -87,16 +98,31 @@ def posed(config: Config, tick: Counted = uncounted) -> Study:
         InputError: a bound is relative to a nominal run that has no value, or the nominal run fails.
     """
     plan = design(config)
-    judged = loop.judge(config, plan, agvjax.check(config.controller), recorded(config))
-    bounds = verdict.bounds_of(config, plan, judged, 1)
+    judged = jax.jit(loop.judge(config, plan, agvjax.check(config.controller), recorded(config)))
+    bounds = verdict.bounds_of(config, plan, judged, SHOWN)
     text = configuration.dump(config, strict=False) + configuration.gains_table(config.controller)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:32]
-    problem = loop.problem(config, plan, config.controller, bounds, tick)
+    digest = hashlib.sha256(json.dumps([text, versions()]).encode()).hexdigest()[:32]
+    problem = dataclasses.replace(loop.problem(config, plan, config.controller, bounds), tick=tick)
     return Study(config, plan, bounds, judged, problem, digest)
 
 
+def begun(folder: Path) -> bool:
+    """Whether a search has begun in a folder: it left something, or nothing is there but settings."""
+    kept = [path for name in (FOUND, chunks.DRAWS) for path in folder.glob(f"{name}*.npz")]
+    return (folder / "config.toml").exists() and (bool(kept) or files.bare(folder))
+
+
 def search(config: Config, folder: str | Path) -> Outcome:
-    """Search, draw and estimate in a folder, new or with what an interrupted call left.
+    """Look for rare failures in a folder, as `agvjax sweep --rare` does, without a report.
+
+    Args:
+        config: whose `sweep` says what is drawn (`over` without points, `ensemble`), what fails (`fails`), how many
+            `rollouts` are made.
+        folder: new, or with what an interrupted call left: what is kept there is not done again.
+
+    Returns:
+        The `Outcome`: `estimate` with the probability, its bounds and why they are not to be stated (`refused`), and
+        `points`, the most likely failures.
 
     Raises:
         InputError: lists every bad setting; or another process is at work in the folder.
@@ -112,8 +138,9 @@ def run(
     folder: Path,
     say: Said = silent,
     tick: Counted = uncounted,
-    engine: Engine | None = None,
+    opened: Opened = HERE,
     imports: Sequence[str] = (),
+    note: Said = silent,
 ) -> Outcome:
     """Search, draw, estimate; what the folder holds already is not done again.
 
@@ -121,25 +148,30 @@ def run(
         asked: what.
         folder: where to keep it.
         say: is told what is done.
-        tick: called with the number of vehicles that the folder holds already, or that others have rolled out.
-        engine: who rolls out the draws, None: this process; the search is this process's.
+        tick: called with the number of vehicles that the folder holds already, and of draws that are made.
+        opened: who rolls out the draws, called when they begin; the search is this process's.
         imports: files of classes of one's own, for workers.
+        note: told what a user should know.
 
     Raises:
         tuning.compute.jobs.WorkFailed: workers failed; what is kept is whole, and the same call goes on.
     """
     config, problem = asked.config, asked.problem
-    found = chunks.read(folder / f"{FOUND}.npz", asked.digest)
+    path = folder / f"{FOUND}.npz"
+    found = chunks.read(path, asked.digest)
     if found is None:
+        if path.exists():
+            note(f"{path.name} is damaged, or of other settings or releases of {', '.join(versions())}: made again")
         say("looking for where vehicles fail")
         prepared = prepare(problem, config.sweep.rollouts, config.seed)
-        files.write(folder / f"{FOUND}.npz", chunks.packed(asked.digest, chunks.arrays(prepared)))
+        files.write(path, chunks.packed(asked.digest, chunks.arrays(prepared)))
     else:
         prepared = chunks.prepared_of(found)
         tick(prepared.spent)
     say("drawing there")
     parcel = chunks.parcel(config, asked.bounds, prepared, _digest(asked.digest, prepared), imports)
-    draws = chunks.drawn_in(folder, chunks.jobs(parcel, problem), engine or Here(), tick)
+    uncounting = dataclasses.replace(problem, tick=uncounted)  # draws are counted when they are kept
+    draws = chunks.drawn_in(folder, chunks.jobs(parcel, uncounting), opened, tick, note)
     made = estimate(prepared, draws, problem.tail)
     points = _points(asked, prepared, draws) if made.failures else []
     return Outcome(prepared, draws, made, points, prepared.spent + rolled_out(draws))
@@ -163,7 +195,8 @@ def _points(asked: Study, prepared: Prepared, draws: Drawn) -> list[Point]:
         if len(pool):
             best.append((shares[i], min(pool, key=lambda x: float(x @ x))))
     best = sorted(best, key=lambda pair: float(pair[1] @ pair[1]))[:SHOWN]
-    leaves = loop.vehicles(asked.plan, np.array([place for _, place in best]))
+    filled = [place for _, place in best] + [best[-1][1]] * (SHOWN - len(best))  # one compilation serves any number
+    leaves = loop.vehicles(asked.plan, np.array(filled))
     judged = asked.judge(leaves)
     return [
         Point(
