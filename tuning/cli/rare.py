@@ -59,10 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _begun(arguments: argparse.Namespace, config: Config) -> Path | None:
     """The folder in which this very search has begun; None where it may begin. Nothing is written."""
     out = Path(arguments.out or os.devnull)
-    if out.is_dir() and study.begun(out):
+    if os.path.isdir(out) and study.begun(out):
         same_settings(out, config, "--out")
         return out
-    if arguments.resume and not (out.is_dir() and files.empty(out)):
+    if arguments.resume and not (os.path.isdir(out) and files.empty(out)):
         rule = "used with --out, the folder of a search that has begun"
         raise InputError([Fault("--resume", arguments.out or "without --out", rule)])
     usable(arguments.out, arguments.command)

@@ -25,7 +25,7 @@ def begun(
     None where a sweep may begin; nothing is written then.
     """
     out = Path(arguments.out or os.devnull)
-    if (out / shards.MANIFEST).exists():
+    if os.path.exists(out / shards.MANIFEST):
         ours.enter_context(alone(out))
         return out, _taken_up(out, console, manifest)
     if arguments.resume:
@@ -51,7 +51,7 @@ def begin(
     if not _lost(out, manifest):
         out = new_folder(arguments.out, arguments.command)
     ours.enter_context(alone(out))
-    if (out / shards.MANIFEST).exists():
+    if os.path.exists(out / shards.MANIFEST):
         return out, _taken_up(out, console, manifest)
     files.write(out / "config.toml", text)
     shards.write_manifest(out, manifest)
@@ -60,7 +60,7 @@ def begin(
 
 def _lost(out: Path, manifest: shards.Manifest) -> bool:
     """Whether this sweep has begun in a folder that is not empty, and its manifest was lost, or not written yet."""
-    return out.is_dir() and not files.empty(out) and shards.begun(out, manifest)
+    return os.path.isdir(out) and not files.empty(out) and shards.begun(out, manifest)
 
 
 def _taken_up(out: Path, console: Console, manifest: shards.Manifest) -> shards.Manifest:

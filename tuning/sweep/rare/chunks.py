@@ -117,13 +117,9 @@ def drawn_in(
         WorkFailed: workers failed; what is written is whole.
     """
     parcel, prepared = jobs.about, prepared_of(jobs.about.found)
-    count, missing = -(-prepared.draws // parcel.size), []
-    paths = [folder / f"{DRAWS}-{i:05d}.npz" for i in range(count)]
-    for i, path in enumerate(paths):
-        if _failed(path, parcel, i) is None:
-            missing.append(i)
-        else:
-            tick(parcel.span(i)[1])
+    paths = [folder / f"{DRAWS}-{i:05d}.npz" for i in range(-(-prepared.draws // parcel.size))]
+    missing = [i for i, path in enumerate(paths) if _failed(path, parcel, i) is None]
+    tick(prepared.draws - sum(parcel.span(i)[1] for i in missing))
     if spoilt := [paths[i].name for i in missing if paths[i].exists()]:
         note(f"{len(spoilt)} files of draws are damaged, or of another search ({spoilt[0]} first): made again")
     if missing:
@@ -131,6 +127,11 @@ def drawn_in(
             for i, data in engine.each(jobs, missing):
                 files.write(paths[i], data)
                 tick(parcel.span(i)[1])
+    return _drawn(paths, parcel, prepared)
+
+
+def _drawn(paths: Sequence[Path], parcel: Parcel, prepared: Prepared) -> Drawn:
+    """All draws, their files being there."""
     parts = []
     for i, path in enumerate(paths):
         u, plain = prepared.mixture.draw(parcel.seed, "estimate", *parcel.span(i))

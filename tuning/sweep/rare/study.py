@@ -156,25 +156,29 @@ def run(
     Raises:
         tuning.compute.jobs.WorkFailed: workers failed; what is kept is whole, and the same call goes on.
     """
-    config, problem = asked.config, asked.problem
-    path = folder / f"{FOUND}.npz"
-    found = chunks.read(path, asked.digest)
-    if found is None:
-        if path.exists():
-            note(f"{path.name} is damaged, or of other settings or releases of {', '.join(versions())}: made again")
-        say("looking for where vehicles fail")
-        prepared = prepare(problem, config.sweep.rollouts, config.seed)
-        files.write(path, chunks.packed(asked.digest, chunks.arrays(prepared)))
-    else:
-        prepared = chunks.prepared_of(found)
-        tick(prepared.spent)
+    say("looking for where vehicles fail")
+    prepared = _prepared(asked, folder / f"{FOUND}.npz", tick, note)
     say("drawing there")
-    parcel = chunks.parcel(config, asked.bounds, prepared, _digest(asked.digest, prepared), imports)
-    uncounting = dataclasses.replace(problem, tick=uncounted)  # draws are counted when they are kept
+    parcel = chunks.parcel(asked.config, asked.bounds, prepared, _digest(asked.digest, prepared), imports)
+    uncounting = dataclasses.replace(asked.problem, tick=uncounted)  # draws are counted when they are kept
     draws = chunks.drawn_in(folder, chunks.jobs(parcel, uncounting), opened, tick, note)
-    made = estimate(prepared, draws, problem.tail)
+    made = estimate(prepared, draws, asked.problem.tail)
     points = _points(asked, prepared, draws) if made.failures else []
     return Outcome(prepared, draws, made, points, prepared.spent + rolled_out(draws))
+
+
+def _prepared(asked: Study, path: Path, tick: Counted, note: Said) -> Prepared:
+    """What to draw from: of its file, or searched for and kept there."""
+    found = chunks.read(path, asked.digest)
+    if found is not None:
+        prepared = chunks.prepared_of(found)
+        tick(prepared.spent)
+        return prepared
+    if path.exists():
+        note(f"{path.name} is damaged, or of other settings or releases of {', '.join(versions())}: made again")
+    prepared = prepare(asked.problem, asked.config.sweep.rollouts, asked.config.seed)
+    files.write(path, chunks.packed(asked.digest, chunks.arrays(prepared)))
+    return prepared
 
 
 def rolled_out(draws: Drawn) -> int:
