@@ -168,3 +168,15 @@ def test_the_fields_of_plants_are_listed_with_their_units_and_defaults():
             unit, default = told[plant, name]
             assert unit_of(scene, f"plant.{name}") == unit, name
             assert float(numbers[name]) == pytest.approx(default, rel=6e-4), name
+
+
+PAGES = [
+    *sorted((ROOT / "docs").glob("*.md")),
+    *(ROOT / f"{name}.md" for name in ("README", "CHANGELOG", "CONTRIBUTING")),
+]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_lines_have_at_most_120_columns_but_in_tables(page):
+    lines = enumerate(page.read_text(encoding="utf-8").splitlines(), 1)
+    assert not [f"{page.name}:{i}" for i, line in lines if len(line) > 120 and not line.startswith("|")]
