@@ -28,7 +28,7 @@ said = agvjax.tune_xla(devices=1) if {on} else "left alone"
 import jax, jaxlib, numpy as np
 jax.config.update("jax_enable_x64", True)
 import tuning
-from tuning.config.settings import Ensemble, Search, Simulate, Tune
+from tuning.config.settings import Ensemble, Limit, Search, Simulate, Tune
 from tuning.tune.rounds import solve
 law = agvjax.NeuroBackstepping()
 many = agvjax.batch(agvjax.Scenario(), {{"disturbance.amplitude": np.linspace(0.0, 0.4, 64)}})
@@ -48,7 +48,9 @@ slopes, gradient_ms = best(jax.jacfwd(lambda gains: errors(gains).mean()))
 small = Search(scouts=8, starts=1, iterations=1, checks=0)
 found = solve(tuning.pose(tuning.Config(
     simulate=Simulate(horizon=2.0, dt=0.005), ensemble=Ensemble(size=8, validation_size=4),
-    tune=Tune(dt=0.01, gains=("k1", "k3"), iterations=4, screen=0, search=small),
+    tune=Tune(
+        dt=0.01, gains=("k1", "k3"), limits={{"effort": Limit(mean=1.1)}}, iterations=4, screen=0, search=small,
+    ),
 )))
 print(json.dumps(dict(
     said=said, python=sys.version.split()[0], jax=jax.__version__, jaxlib=jaxlib.__version__,
