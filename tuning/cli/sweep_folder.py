@@ -26,8 +26,9 @@ def begun(
     """
     out = Path(arguments.out or os.devnull)
     if os.path.exists(out / shards.MANIFEST):
+        taken = _taken_up(out, console, manifest)  # before anything is written
         ours.enter_context(alone(out))
-        return out, _taken_up(out, console, manifest)
+        return out, taken
     if arguments.resume:
         raise InputError([Fault("--resume", arguments.out, "used with --out, the folder of a sweep that has begun")])
     if not _lost(out, manifest):

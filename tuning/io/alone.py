@@ -8,7 +8,7 @@ from pathlib import Path
 
 from agvjax import Fault, InputError
 
-LOCK = ".lock"  # an empty file that stays: removing it would let two in
+from .marks import LOCK
 
 
 @contextlib.contextmanager

@@ -16,8 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .alone import LOCK
-from .marks import lives, mark, silent
+from .marks import LOCK, lives, mark, silent
 
 NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
 Json = dict[str, Any]  # a table of a JSON file

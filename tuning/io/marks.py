@@ -1,4 +1,4 @@
-"""Marks of processes: they stand in the name of a file half written, so that others see whose it is."""
+"""What processes leave in a folder, so that others see whose it is: marks in names of files half written, a lock."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import time
 import uuid
 from pathlib import Path
 
+LOCK = ".lock"  # an empty file that stays: removing it would let two in
 STALE = 120.0  # s of silence after which what a process that cannot be asked for left lying is nobody's
 
 

@@ -53,6 +53,8 @@ def run_sweep(
     if scheduler is not None:
         schedule.checked(scheduler, "scheduler")
         _read(parcel(manifest, imports))  # before anything is written, what workers could not read
+    if (folder / shards.MANIFEST).exists():
+        _taken_up(folder, manifest)
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
         if (folder / shards.MANIFEST).exists():
