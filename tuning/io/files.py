@@ -11,12 +11,14 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from jaxtyping import ArrayLike
 
 from .marks import LOCK, lives, mark, silent
+
+if TYPE_CHECKING:
+    from jaxtyping import ArrayLike  # which imports JAX, and readers of logs do without
 
 NO_WAIT = 0 if os.name == "nt" else os.O_NONBLOCK
 Json = dict[str, Any]  # a table of a JSON file

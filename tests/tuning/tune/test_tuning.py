@@ -495,8 +495,8 @@ def test_an_ensemble_in_which_every_run_diverges_is_refused():
 
 
 @pytest.mark.slow
-def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at(small):
-    p = iterate(small_tuner(optimizer="lbfgs", compiled=small.push, iterations=4, objective=Objective(GOALS[:1], ())))
+def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at():
+    p = iterate(small_tuner(optimizer="lbfgs", iterations=4, objective=Objective(GOALS[:1], ())))
     costs = [row[HISTORY.index("cost")] for row in p.history]
     assert np.all(np.diff(costs) < 0)  # Wolfe's conditions ask for no less
     looks = p.rollouts / (1 + len(NAMES))
