@@ -20,6 +20,7 @@ from .analysis import Findings
 from .choice import PAYS
 from .gains import value_of
 from .judge import Summary
+from .meanings import of_gains
 from .methods.objective import Requirement
 from .rounds import Round
 
@@ -71,6 +72,20 @@ def gains(names: Sequence[str], before: Any, after: Any, stability: Mapping[str,
         values = [f"{old:.5g}", f"{new:.5g}", unit_of(after, element(name)[0])]
         rows.append([name, *values, *(condition if stability else [])])
     return grid(["gain", "before", "after", "unit", *(["lower bound", "margin"] if stability else [])], rows)
+
+
+def gains_of_laws(laws: Mapping[str, tuple[agvjax.Law, agvjax.Law, Sequence[str]]]) -> str:
+    """Gains of several laws by their names: own and tuned values, units, meanings.
+
+    Args:
+        laws: by name the law with its own gains, the tuned one, and which gains are told.
+    """
+    rows = [
+        [law, name, value_of(own, name), value_of(tuned, name), unit_of(own, element(name)[0]), meaning]
+        for law, (own, tuned, names) in laws.items()
+        for name, meaning in of_gains(own, names).items()
+    ]
+    return grid(["law", "gain", "own", "tuned", "unit", "meaning"], rows)
 
 
 def choice(names: Sequence[str], first: Sequence[str], promises: np.ndarray | None) -> str:

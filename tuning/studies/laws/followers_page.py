@@ -17,8 +17,7 @@ from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...io.statements import of_draws, worst_of
 from ...io.statements import said as said_of
-from ...tune.gains import value_of
-from ...tune.meanings import of_gains
+from ...tune.tables import gains_of_laws
 from .followers import LABELS, Comparison, Tuned
 
 if TYPE_CHECKING:
@@ -141,14 +140,7 @@ def write(comparison: Comparison, found: Mapping[str, Tuned], out: Path) -> str:
 def _page(comparison: Comparison, found: Mapping[str, Tuned], text: str, said: list[str]) -> str:
     config = comparison.config
     sizes, first = config.ensemble, "\n".join(f"* {line}" for line in said)
-    gains = grid(
-        ["law", "gain", "own", "tuned", "meaning"],
-        [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
-            for name, tuned in found.items()
-            for gain, meaning in of_gains(tuned.start, tuned.gains).items()
-        ],
-    )
+    gains = gains_of_laws({LABELS[law]: (tuned.start, tuned.controller, tuned.gains) for law, tuned in found.items()})
     limits = ", ".join(config.tune.limits) or "none"
     return f"""# Which law follows a route best?
 

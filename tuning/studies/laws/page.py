@@ -18,8 +18,7 @@ from ...io.panels import panels
 from ...io.pictures import write_figures
 from ...io.statements import of_draws, worst_of
 from ...io.statements import said as said_of
-from ...tune.gains import value_of
-from ...tune.meanings import of_gains
+from ...tune.tables import gains_of_laws
 from ..captions import caption, image
 from ..paper.cases import LABELS
 from .study import BUDGET, Comparison, Tuned
@@ -148,14 +147,8 @@ def _page(comparison: Comparison, found: Mapping[str, Tuned], table: str, made: 
         ["command", "mean", worst_of(sizes.size)],
         [[name, *comparison.of(name)] for name in BUDGET],
     )
-    gains = grid(
-        ["law", "gain", "own", "tuned", "meaning"],
-        [
-            [LABELS[name], gain, value_of(tuned.start, gain), value_of(tuned.controller, gain), meaning]
-            for name, tuned in found.items()
-            for gain, meaning in of_gains(tuned.start, spread(tuned.start, tuned.controller.gains_to_tune())).items()
-        ],
-    )
+    names = {law: spread(tuned.start, tuned.controller.gains_to_tune()) for law, tuned in found.items()}
+    gains = gains_of_laws({LABELS[law]: (tuned.start, tuned.controller, names[law]) for law, tuned in found.items()})
     said = "\n".join(f"* {line}" for line in statements(made))
     return f"""# Which law is better at the same command budget?
 

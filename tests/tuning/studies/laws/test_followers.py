@@ -15,6 +15,7 @@ from tuning.studies.laws import followers, followers_page
 from tuning.studies.laws.followers import LABELS, Tuned
 from tuning.studies.laws.followers_page import SHOWN, rows, statements, table
 from tuning.tune.rules import faults
+from tuning.tune.tables import gains_of_laws
 
 
 def test_the_laws_run_in_the_configured_computer_and_the_configured_one_is_as_it_is():
@@ -110,3 +111,10 @@ def test_every_law_is_held_to_the_limits_of_the_configured_one(monkeypatch, tmp_
     assert any(tuned.excess == 0 for tuned in found.values())
     text = followers_page.write(comparison, found, tmp_path)
     assert "Stanley" in text and {"report.html", "comparison.csv"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_gains_of_laws_have_their_units_and_meanings():
+    own = agvjax.Sampled(inner=agvjax.PathPID(), vehicle=agvjax.Base())
+    tuned = agvjax.replace(own, {"inner.k_y": 2.5})
+    (row,) = gains_of_laws({"PID": (own, tuned, ("inner.k_y",))}).splitlines()[2:]
+    assert [cell.strip() for cell in row.split("|")[1:6]] == ["PID", "inner.k_y", str(own.inner.k_y), "2.5", "1/m^2"]
