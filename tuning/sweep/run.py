@@ -53,21 +53,22 @@ def run_sweep(
     if scheduler is not None:
         schedule.checked(scheduler, "scheduler")
         _read(parcel(manifest, imports))  # before anything is written, what workers could not read
-    if (folder / shards.MANIFEST).exists():
-        _taken_up(folder, manifest)
+    before = _taken_up(folder, manifest)  # refused before anything is written
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
-        if (folder / shards.MANIFEST).exists():
-            manifest = _taken_up(folder, manifest)
-        else:
+        if (before := before or _taken_up(folder, manifest)) is None:
             shards.write_manifest(folder, manifest)
+        manifest = before or manifest
         every = work.judges(config, plan, list(laws.values()), manifest.block, None if scheduler is None else 1)
         missing = shards.missing(folder, manifest, plan.leaf_shapes, said)
         fill(folder, manifest, missing, jobs(parcel(manifest, imports), plan, every), engine)
     return results.collect(folder, manifest, config, plan)
 
 
-def _taken_up(folder: Path, manifest: Manifest) -> Manifest:
+def _taken_up(folder: Path, manifest: Manifest) -> Manifest | None:
+    """The manifest to go on with; None where none is there."""
+    if not (folder / shards.MANIFEST).exists():
+        return None
     try:
         return shards.taken_up(shards.read_manifest(folder), manifest)
     except ValueError as error:
