@@ -55,7 +55,8 @@ fuzz: $(VENV)/.installed-dev ## calls of the command line that no user should ha
 slow: $(VENV)/.installed-dev ## the tests left out of `make test`
 	$(BIN)/pytest -n $(JOBS) -m slow $(ARGS)
 
-check: lint types docs notebooks ## lint, format, types, documentation, notebooks
+check: ## lint, format, types, documentation, notebooks, two at a time
+	$(MAKE) -j2 lint types docs notebooks
 
 lint: $(VENV)/.installed-dev ## ruff, and no outputs in the notebooks; `make format` mends most of it
 	$(BIN)/ruff check
