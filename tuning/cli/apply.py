@@ -37,6 +37,9 @@ def run(arguments: argparse.Namespace) -> int:
     config, console = configure(given, _rules if arguments.log else faults, reading(arguments))
     if arguments.identified:  # the vehicle is that of the log, whatever else the file of the new gains says
         there = configuration.load(around, overrides(arguments), imports=arguments.imports, note=lambda text: None)
+        if (its := type(there.scenario.plant)) is not (mine := type(config.scenario.plant)):
+            rule = f"of a log of the vehicle of the new gains, {mine.__name__}: this one is of {its.__name__}"
+            raise InputError([Fault("--identified", arguments.identified, rule)])
         config = dataclasses.replace(config, scenario=there.scenario, ensemble=there.ensemble)
     law = _current([*around, current], arguments, config)
     named = Path(current).name, Path(new).name

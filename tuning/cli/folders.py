@@ -49,7 +49,7 @@ def begun_in(name: str | None, command: str) -> Iterator[Path]:
 
     A folder that was there before, empty, stays.
     """
-    before = name is not None and Path(name).is_dir()
+    before = name is not None and os.path.isdir(name)
     out = new_folder(name, command)
     try:
         yield out
@@ -70,7 +70,7 @@ def usable(name: str | None, command: str) -> None:
     try:
         there = next(path for path in (out, *out.parents) if path.exists())
         if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-            raise OSError(f"{there} is no folder, or nobody may write in it")
+            raise OSError(f"{there} is no folder, or you may not write in it")
         taken = name is not None and there == out and not files.empty(out)
     except (OSError, ValueError) as error:
         raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error

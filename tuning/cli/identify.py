@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
             phase = phases.begin("reading", unit="messages" if bags else "rows")
             posed = task(arguments.logs, config, phase.advance)
             unseen = room.to_predict(arguments.unseen, config, posed, phase.advance)
-    more, good = "", True
+    more, good, drawn = "", True, {}
     with begun_in(arguments.out, arguments.command) as out:
         with console.parts("fitting", settings.drives + (settings.starts + ROUNDS + 1 if posed else 0)) as tick:
             if posed is None:
@@ -49,8 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
                 result = room.identified(config, posed, unseen, tick)
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
                 good = result.conclusion.good
-                viewers.write_tracks(asked, overlay(posed.logs, result.fit))
                 more += f", go on with agvjax tune --config {out}/{SCENARIO}" if good else ""
+                drawn = overlay(posed.logs, result.fit)
         files.write(out / "config.toml", configuration.dump(config))
+        viewers.write_tracks(asked, drawn)
     console.conclude(text, f"written to {out}{more}")
     return 0 if good else 1

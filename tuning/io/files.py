@@ -9,6 +9,7 @@ import io
 import json
 import os
 import stat
+import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -82,6 +83,15 @@ def empty(folder: Path) -> bool:
     """Whether a folder holds nothing but its lock and what was half written by processes that may be gone."""
     there = (path for path in folder.iterdir() if path.name != LOCK)
     return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in there)
+
+
+def writable(folder: Path) -> bool:
+    """Whether a folder is there and a file can be written in it."""
+    try:
+        tempfile.TemporaryFile(dir=folder, suffix=".part").close()
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def bare(folder: Path) -> bool:

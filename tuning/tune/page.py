@@ -265,11 +265,11 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, reco
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
     drawings: dict[str, Drawing] = {}
+    recorded: dict[str, agvjax.Trajectory] = {}  # of the nominal scenario, which is the first
     unit = config.scenario.plant.command_units[0]
     for name, (title, scene) in scenes.items():
         before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
-        if name == "nominal":
-            viewers.write_runs(recordings, {"before": before, "after": after}, config.scenario.plant)
+        recorded = recorded or {"before": before, "after": after}
         drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
@@ -277,6 +277,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, reco
     lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
     publish(out, text, (SYMBOLS, SENSITIVITIES, SEEN, SEARCH))
+    viewers.write_runs(recordings, recorded, config.scenario.plant)
     return "\n\n".join([brief(outcome, verdict), *lost])
 
 

@@ -28,6 +28,7 @@ class Slopes(NamedTuple):
     into: np.ndarray  # (S, K C, P), of weighed residuals, without what the states of the stretches take up
     weight: np.ndarray  # (S, K, C), roots
     information: np.ndarray  # (P, P), with what is believed without the log
+    believed: np.ndarray  # (P,), of it that which is believed without the log
     own: np.ndarray  # (S, K, C), the log's residuals
     spread: np.ndarray  # (S, K, C), what its best fit leaves
 
@@ -36,6 +37,14 @@ class Slopes(NamedTuple):
         weighed = (residuals * self.weight).reshape(len(residuals), *self.into.shape[:2])
         slopes = np.einsum("nsk,skp->np", weighed, self.into, optimize=True)
         return -np.linalg.solve(self.information, slopes.T).T
+
+    def told(self) -> np.ndarray:
+        """Share (P,) of what is known of each number, all others known, that the log says."""
+        return 1 - self.believed / np.diag(self.information)
+
+    def passed(self) -> np.ndarray:
+        """How far numbers seem to move (P, P) by a move of each by 1, a column for each: 1 of it where a log tells."""
+        return np.linalg.solve(self.information, self.information - np.diag(self.believed))
 
 
 def slopes(found: Fit) -> Slopes:
@@ -51,9 +60,10 @@ def slopes(found: Fit) -> Slopes:
     count, size = len(root), p.size
     weighed = (jacobians * root[..., None]).reshape(count, -1, jacobians.shape[-1])
     into = np.stack([_without(own[:, :size], own[:, size:]) for own in weighed])
-    information = np.einsum("skp,skq->pq", into, into, optimize=True) + np.diag(widths(found.parameters) ** -2.0)
+    believed = widths(found.parameters) ** -2.0
+    information = np.einsum("skp,skq->pq", into, into, optimize=True) + np.diag(believed)
     few = np.sqrt(count / max(count - 1, 1))  # the fit has taken one stretch's worth of each number
-    return Slopes(into, root, information, sums.residual, found.sums.residual * few)
+    return Slopes(into, root, information, believed, sums.residual, found.sums.residual * few)
 
 
 def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:

@@ -23,6 +23,8 @@ STARTS = 1  # of the fit: it begins where the gains were tuned
 SURELY = 0.9  # share of the logs of a robot whose number has moved that must raise the alarm for the change to be seen
 SCALED, OWN = 100, 0.1  # further simulated logs, by whose spread a distance is measured; the share of the formula in it
 HALVINGS, WIDEST = 30, 1e3  # of the search for the least change that is seen; in multiples of what a number may move
+LEARNT = 0.5  # share of what is known of a number that must come from the log, or the log says nothing of it
+EDGES = (0.05, 0.95)  # quantiles of the vehicles that must lie where a number is looked for
 BESIDE = 0.8  # of the best explanation, that another one is named beside it
 
 
@@ -92,22 +94,52 @@ def watch(config: Config, posed: Task, tick: Callable[[str], object] = lambda te
     """
     vehicles = of_ensemble(config, posed.parameters)
     there = np.array([reached(config, q, own) for q, own in zip(posed.parameters, vehicles.T, strict=True)])
-    if not there.any():
-        rule = "a log that says something of the numbers that are watched: no command goes beyond any threshold"
-        raise InputError([Fault("LOG", ", ".join(log.name for log in posed.logs), rule)])
+    _some(posed, there)
     found = fit(_only(posed, there), STARTS, config.identify.outlier, config.seed, tick)
     seen = slopes(found)
     tick("compared")
     vehicles = allowed(config, found.parameters, vehicles[:, there])
     residuals = simulated(found, seen, vehicles, np.random.default_rng([config.seed, PART]))
     tick("simulated")
-    own, others = seen.moved(seen.own[None])[0], seen.moved(residuals)
+    told = seen.told() > LEARNT
+    there[np.flatnonzero(there)[~told]] = False
+    _some(posed, there)
+    own, others = seen.moved(seen.own[None])[0, told], seen.moved(residuals)[:, told]
+    passed, vehicles, block = seen.passed()[np.ix_(told, told)], vehicles[:, told], np.ix_(told, told)
     spread = np.cov(vehicles.T).reshape(own.size, own.size)
     scaled = np.cov(others[:SCALED].T).reshape(own.size, own.size)  # none of those that the log is ranked among
-    W = np.linalg.inv((1 - OWN) * scaled + OWN * (np.linalg.inv(seen.information) + spread))
-    judged = _judged(config, found, W, spread, own, others[SCALED:], residuals[SCALED:], seen.own[None])
-    blind = [_blind(config, q) for q, seen in zip(posed.parameters, there, strict=True) if not seen]
+    W = np.linalg.inv((1 - OWN) * scaled + OWN * (np.linalg.inv(seen.information)[block] + spread))
+    ranked = Ranked(_only(posed, there).parameters, own, others[SCALED:], W, passed, spread)
+    judged = _judged(config, found, ranked, residuals[SCALED:], seen.own[None])
+    blind = [_blind(config, q) for q, known in zip(posed.parameters, there, strict=True) if not known]
     return judged._replace(numbers=(*judged.numbers, *blind))
+
+
+class Ranked(NamedTuple):
+    """How far numbers seem to have moved, in the log and in others.
+
+    Attributes:
+        parameters: the P numbers.
+        own: in the log (P,).
+        others: in n simulated logs (n, P).
+        W: of the distance (P, P).
+        passed: how much of a move of each number seems one, of which (P, P): a column for each.
+        spread: covariance (P, P) over the vehicles that the gains were tuned for.
+    """
+
+    parameters: tuple[Parameter, ...]
+    own: np.ndarray
+    others: np.ndarray
+    W: np.ndarray
+    passed: np.ndarray
+    spread: np.ndarray
+
+
+def _some(posed: Task, there: np.ndarray) -> None:
+    if not there.any():
+        names = ", ".join(log.name for log in posed.logs)
+        rule = "a log that says something of the numbers that are watched: commands beyond thresholds, turns, starts"
+        raise InputError([Fault("LOG", names, rule)])
 
 
 def of_ensemble(config: Config, parameters: Sequence[Parameter]) -> np.ndarray:
@@ -125,9 +157,10 @@ def _tuned(config: Config, q: Parameter) -> float:
 
 
 def reached(config: Config, q: Parameter, own: np.ndarray) -> bool:
-    """Whether a log can say of a number what it is: where it is looked for, all vehicles (n,) lie."""
+    """Whether a log can say of a number what it is: where it is looked for, the vehicles (n,) lie."""
     near = abs(q.nominal - _tuned(config, q)) <= q.floor + 1e-9 * abs(q.nominal)
-    return bool(near and q.low <= own.min() and own.max() <= q.high)
+    low, high = np.quantile(own, EDGES)
+    return bool(near and q.low <= low and high <= q.high)
 
 
 def _only(posed: Task, there: np.ndarray) -> Task:
@@ -154,22 +187,13 @@ def sizes(parameters: Sequence[Parameter]) -> np.ndarray:
     return np.array([max(abs(q.nominal), q.floor) for q in parameters])
 
 
-def _judged(
-    config: Config,
-    found: Fit,
-    W: np.ndarray,
-    spread: np.ndarray,
-    own: np.ndarray,
-    others: np.ndarray,
-    residuals: np.ndarray,
-    seen: np.ndarray,
-) -> Watched:
-    distance, far = distance_of(own[None], W)[0], distance_of(others, W)
-    rank = (1 + np.sum(far >= distance)) / (1 + len(far))
-    numbers = _numbers(found.parameters, W, own, others, np.sqrt(np.diag(spread)), config.watch)
+def _judged(config: Config, found: Fit, ranked: Ranked, residuals: np.ndarray, seen: np.ndarray) -> Watched:
+    distance, far = (distance_of(moved, ranked.W) for moved in (ranked.own[None], ranked.others))
+    rank = (1 + np.sum(far >= distance[0])) / (1 + len(far))
+    numbers = _numbers(ranked, config.watch)
     ahead, other_steps = (steps(r, found.segments.weight) for r in (seen, residuals))
     alarm = bool(rank <= config.watch.false_alarms + 1e-12)
-    return Watched(found, float(rank), float(distance), far, alarm, numbers, ahead[0], other_steps)
+    return Watched(found, float(rank), float(distance[0]), far, alarm, numbers, ahead[0], other_steps)
 
 
 def distance_of(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
@@ -177,20 +201,15 @@ def distance_of(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
     return np.einsum("np,pq,nq->n", moved, W, moved)
 
 
-def _numbers(
-    parameters: tuple[Parameter, ...],
-    W: np.ndarray,
-    own: np.ndarray,
-    others: np.ndarray,
-    spread: np.ndarray,
-    settings: Watch,
-) -> tuple[Number, ...]:
+def _numbers(ranked: Ranked, settings: Watch) -> tuple[Number, ...]:
+    parameters, own, others, W, passed, _ = ranked
+    spread = np.sqrt(np.diag(ranked.spread))
     limit = critical(distance_of(others, W), settings.false_alarms)
     pull, distance = W @ own, max(float(own @ W @ own), 1e-300)
     told = []
     for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters), strict=True)):
         move, share = pull[j] / W[j, j], pull[j] ** 2 / W[j, j] / distance
-        least = max(least_seen(others, W, j, sign * wanted, limit) for sign in (1.0, -1.0))
+        least = max(least_seen(others, W, passed[:, j], sign * wanted, limit) for sign in (1.0, -1.0))
         numbers = (q.nominal, q.nominal + move, share, least, wanted, spread[j])
         told.append(Number(q.name, q.unit, *map(float, numbers)))
     return tuple(told)
@@ -202,21 +221,19 @@ def critical(distances: np.ndarray, false_alarms: float) -> float:
     return float(np.sort(distances)[::-1][place - 1])
 
 
-def least_seen(others: np.ndarray, W: np.ndarray, j: int, unit: float, limit: float) -> float:
+def least_seen(others: np.ndarray, W: np.ndarray, passed: np.ndarray, unit: float, limit: float) -> float:
     """The least change of one number that raises the alarm in `SURELY` of the simulated logs; to one side.
 
     Args:
         others: (n, P), how far numbers seem to have moved in simulated logs.
         W: (P, P), of the distance.
-        j: which number.
+        passed: how far numbers seem to move (P,) by a move of the number by 1.
         unit: the change that it should show, with its sign.
         limit: the distance that raises the alarm.
     """
 
     def raised(times: float) -> bool:
-        moved = others.copy()
-        moved[:, j] += times * unit
-        return bool(np.mean(distance_of(moved, W) > limit) >= SURELY)
+        return bool(np.mean(distance_of(others + times * unit * passed, W) > limit) >= SURELY)
 
     low, high = 0.0, 1.0
     while not raised(high):

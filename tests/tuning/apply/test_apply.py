@@ -239,3 +239,13 @@ def test_the_vehicle_is_that_of_the_log_and_not_that_of_the_file_of_the_new_gain
     assert main([*files.line, "--identified", str(files.found)]) == 1
     there = configuration.load([str(files.folder / "out" / "config.toml")], [])
     assert there.scenario.plant.track == 0.5 and there.ensemble.draws["plant.track"] == Between(0.45, 0.55)
+
+
+def test_a_log_of_another_kind_of_vehicle_is_refused(files, capsys):
+    with (files.folder / "new.toml").open("a") as stream:
+        stream.write('[scenario.plant]\ntype = "base"\n')
+    found = (files.found / "scenario.toml").read_text()
+    (files.found / "scenario.toml").write_text(found.replace('plant = "base"', 'plant = "ackermann"'))
+    assert main([*files.line, "--identified", str(files.found)]) == 2
+    said = capsys.readouterr().err
+    assert "--identified" in said and "Ackermann" in said and not (files.folder / "out").exists()

@@ -33,7 +33,7 @@ def slopes(columns, weight, prior=0.0):
     weighed = columns * weight[..., None]
     information = np.einsum("skp,skq->pq", weighed, weighed) + prior * np.eye(columns.shape[-1])
     empty = np.zeros((*weight.shape, 1))
-    return Slopes(weighed, weight[..., None], information, empty, empty)
+    return Slopes(weighed, weight[..., None], information, np.full(len(information), prior), empty, empty)
 
 
 def test_numbers_seem_to_have_moved_by_what_least_squares_says():
@@ -79,9 +79,10 @@ def test_the_alarm_begins_where_the_rank_says():
 def test_the_least_change_that_is_seen_is_that_of_a_normal_distribution():
     """One number with noise 1, an alarm beyond 2.576: 9 of 10 alarms from 2.576 + 1.282 on."""
     others = np.random.default_rng(2).normal(size=(200_000, 1))
-    found = least_seen(others, np.eye(1), 0, 0.5, 2.576**2)
+    found = least_seen(others, np.eye(1), np.ones(1), 0.5, 2.576**2)
     assert found == pytest.approx(2.576 + 1.282, rel=0.01)
-    assert least_seen(others[:100], 1e-12 * np.eye(1), 0, 0.5, 2.576**2) == np.inf
+    assert least_seen(others[:100], 1e-12 * np.eye(1), np.ones(1), 0.5, 2.576**2) == np.inf
+    assert least_seen(others, np.eye(1), np.zeros(1), 0.5, 2.576**2) == np.inf  # what a log does not pass on
 
 
 def test_a_residual_one_step_ahead_is_what_the_next_measurement_adds():
@@ -177,6 +178,38 @@ def test_a_log_that_is_not_there_is_bad_input_and_leaves_nothing(tmp_path, capsy
     out = tmp_path / "out"
     assert main(["watch", str(tmp_path / "none.csv"), "--config", "base", "--out", str(out), "--quiet"]) == 2
     assert "none.csv" in capsys.readouterr().err and not out.exists()
+
+
+def test_a_number_is_told_as_far_as_the_log_outweighs_what_is_believed():
+    """One column of 100 ones and a belief of 300: a quarter is the log's, and of a move of 1 it passes on a quarter."""
+    seen = slopes(np.ones((1, 100, 1)), np.ones((1, 100)), prior=300.0)
+    np.testing.assert_allclose(seen.told(), [0.25])
+    np.testing.assert_allclose(seen.passed(), [[0.25]])
+    np.testing.assert_allclose(seen.moved(-np.ones((1, 1, 100, 1))), [[0.25]])
+
+
+@pytest.mark.slow
+def test_of_a_log_within_the_deadzone_alone_nothing_is_said(tmp_path, capsys):
+    """Thresholds cannot be searched for there, and slopes do nothing: no number is left."""
+    random, rows = np.random.default_rng(0), []
+    for i in range(1000):
+        rows.append([i * 0.02, *random.normal(0, 2e-3, 3), 0.03, 0.0])
+    with (tmp_path / "still.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([["t", "x", "y", "heading", "cmd_v", "cmd_w"], *rows])
+    (tmp_path / "base.toml").write_text('[scenario.plant]\ntype = "base"\n[ensemble]\nsize = 8\n')
+    argv = [
+        "watch",
+        str(tmp_path / "still.csv"),
+        "--config",
+        str(tmp_path / "base.toml"),
+        "--fit",
+        "deadzone",
+        "--quiet",
+    ]
+    more = ["--set", "watch.logs=99", "--set", "identify.memory=0.3", "--out", str(tmp_path / "out")]
+    assert main([*argv, *more]) == 2
+    assert "a log that says something of the numbers that are watched" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 # ---- robots

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.protocols import Plant
 
-from ..files import write_by
+from ..files import writable, write_by
 from . import mcap_file, rerun_file
 from .told import Track, of_run
 
@@ -45,14 +46,17 @@ def check(files: Asked) -> None:
     Raises:
         agvjax.InputError: it is there already, or what writes it is not installed.
     """
+    wrong = []
     for kind, file in _given(files):
-        if not all(map(importlib.util.find_spec, KINDS[kind].NEEDS)):
-            needs = " and ".join(KINDS[kind].NEEDS)
-            raise InputError([Fault(f"--{kind}", file, f"left out where {needs} is not installed: {INSTALL}")])
-        path = Path(file)
-        if path.suffix != ENDS[kind] or path.exists() or not path.parent.is_dir():
-            rule = f"a new file that ends in {ENDS[kind]}, in a folder that there is"
-            raise InputError([Fault(f"--{kind}", file, rule)])
+        path, needs = Path(file), KINDS[kind].NEEDS
+        if not all(map(importlib.util.find_spec, needs)):
+            rule = f"left out where {' and '.join(needs)} is not installed: {INSTALL}"
+            wrong.append(Fault(f"--{kind}", file, rule))
+        elif path.suffix != ENDS[kind] or os.path.exists(path) or not writable(path.parent):
+            rule = f"a new file that ends in {ENDS[kind]}, in a folder that there is and that you may write in"
+            wrong.append(Fault(f"--{kind}", file, rule))
+    if wrong:
+        raise InputError(wrong)
 
 
 def write_runs(files: Asked, runs: Mapping[str, agvjax.Trajectory], plant: Plant) -> None:

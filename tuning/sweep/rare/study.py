@@ -20,6 +20,7 @@ from ... import config as configuration
 from ...compute import schedule
 from ...compute.jobs import Engine
 from ...compute.packages import versions
+from ...config.load import said
 from ...config.settings import Config
 from ...io import files
 from ...io.alone import alone
@@ -108,8 +109,12 @@ def posed(config: Config, tick: Counted = uncounted) -> Study:
 
 def begun(folder: Path) -> bool:
     """Whether a search has begun in a folder: it left something, or nothing is there but settings."""
-    kept = [path for name in (FOUND, chunks.DRAWS) for path in folder.glob(f"{name}*.npz")]
-    return (folder / "config.toml").exists() and (bool(kept) or files.bare(folder))
+    return (folder / "config.toml").exists() and (_left(folder) or files.bare(folder))
+
+
+def _left(folder: Path) -> bool:
+    """Whether a search has left something in a folder."""
+    return any(path for name in (FOUND, chunks.DRAWS) for path in folder.glob(f"{name}*.npz"))
 
 
 def search(config: Config, folder: str | Path) -> Outcome:
@@ -126,11 +131,14 @@ def search(config: Config, folder: str | Path) -> Outcome:
 
     Raises:
         InputError: lists every bad setting; or another process is at work in the folder.
+        ValueError: the folder holds something else.
     """
-    asked = posed(configuration.check(config, faults))
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    with alone(Path(folder), "folder"):
-        return run(asked, Path(folder))
+    asked, folder = posed(configuration.check(config, faults)), Path(folder)
+    if folder.exists() and not (files.empty(folder) or _left(folder)):
+        raise ValueError(f"{folder} holds something else than a search for rare failures")
+    folder.mkdir(parents=True, exist_ok=True)
+    with alone(folder, "folder"):
+        return run(asked, folder, note=said)
 
 
 def run(

@@ -182,6 +182,8 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path,
     assert main(["simulate", "--out", "run", option, name]) == 2
     end = ".mcap" if option == "--mcap" else ".rrd"
     assert f"{option} = {name}: must be a new file that ends in {end}" in capsys.readouterr().err
+    assert main(["simulate", "--out", "run", "--mcap", "a.txt", "--rerun", "b.txt"]) == 2
+    assert "2 bad values" in capsys.readouterr().err
     assert not (tmp_path / "run").exists() and (tmp_path / "there.mcap").read_bytes() == b"kept"
 
 
