@@ -87,7 +87,7 @@ def test_a_tuning_that_was_interrupted_ends_where_the_old_code_ended(end, tmp_pa
         same(numbers(new), numbers(old), 5)
 
 
-@pytest.mark.parametrize(("sweep", "index"), [("sweep", 7), ("sweep-vehicle", 11)])
+@pytest.mark.parametrize(("sweep", "index"), [("sweep", 7), pytest.param("sweep-vehicle", 11, marks=pytest.mark.slow)])
 def test_a_scenario_of_an_old_sweep_rolls_out_to_the_same_run(sweep, index, tmp_path):
     old, out = OLD / "simulate-from" / f"{sweep}-{index}", tmp_path / "run"
     timing = ["simulate.dt=0.01", "simulate.save_every=20"]
@@ -98,7 +98,7 @@ def test_a_scenario_of_an_old_sweep_rolls_out_to_the_same_run(sweep, index, tmp_
     same(*(numbers(json.loads((folder / "metrics.json").read_text())) for folder in (out, old)), 10)
 
 
-@pytest.mark.parametrize("sweep", ["sweep", "sweep-vehicle"])
+@pytest.mark.parametrize("sweep", ["sweep", pytest.param("sweep-vehicle", marks=pytest.mark.slow)])
 def test_an_old_sweep_is_loaded_and_completed_to_the_same_findings(sweep, tmp_path):
     results = tuning.load(OLD / sweep)
     with np.load(OLD / sweep / "shard-00000.npz") as shard:

@@ -15,7 +15,7 @@ from runs import logged
 from tuning.cli.main import COMMANDS, parser
 from tuning.config.load import load
 from tuning.identify.log import commands_of
-from tuning.io.logs import runs as runs_of_viewers
+from tuning.io.viewers import Asked, write_runs
 
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
@@ -208,5 +208,4 @@ def recording(preset):
     """A drive of a preset's vehicle, as ROS 2 records it."""
     config = load([preset])
     trajectory = agvjax.simulate(config.controller, config.scenario, dt=0.005, n_steps=4000, save_every=4)
-    with open("drive.mcap", "wb") as file:
-        runs_of_viewers.write(file, {"": trajectory}, config.scenario.plant)
+    write_runs(Asked(mcap="drive.mcap"), {"": trajectory}, config.scenario.plant)

@@ -411,6 +411,7 @@ def test_a_stated_unit_is_converted(good, log_of):
     assert np.allclose(log.measured["heading"], good[:, 3], atol=1e-5) and np.isclose(log.t[-1], good[-1, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words", "mended"),
     [
@@ -419,13 +420,12 @@ def test_a_stated_unit_is_converted(good, log_of):
             "acceleration of the other sign",
             'acceleration = { column = "acceleration", factor = -1 }',
         ),
-        pytest.param(1e3 * np.eye(2), "1000 times smaller", "factor = 0.001", marks=pytest.mark.slow),
-        pytest.param(1e-3 * np.eye(2), "1000 times larger", "factor = 1000", marks=pytest.mark.slow),
-        pytest.param(
+        (1e3 * np.eye(2), "1000 times smaller", "factor = 0.001"),
+        (1e-3 * np.eye(2), "1000 times larger", "factor = 1000"),
+        (
             np.array([[0.0, -1.0], [1.0, 0.0]]),
             "acceleration and yaw_acceleration exchanged and yaw_acceleration of the other sign",
             '{ column = "yaw_acceleration" } and yaw_acceleration = { column = "acceleration", factor = -1 }',
-            marks=pytest.mark.slow,
         ),
     ],
 )
