@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,10 +31,10 @@ def new_folder(name: str | None, command: str, config: Config | None = None) -> 
         out.mkdir(parents=True, exist_ok=True)
         taken = not files.empty(out)
         if not taken:
-            tempfile.TemporaryFile(dir=out, suffix=".part").close()
+            files.probe(out)
             files.sweep_up(out)
     except (OSError, ValueError) as error:
-        raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error
+        raise _unwritable(name, error) from error
     if taken:
         raise not_empty(out, command)
     if config is not None:
@@ -69,13 +68,16 @@ def usable(name: str | None, command: str) -> None:
     out = Path(name or "runs")
     try:
         there = next(path for path in (out, *out.parents) if path.exists())
-        if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-            raise OSError(f"{there} is no folder, or you may not write in it")
+        files.probe(there)
         taken = name is not None and there == out and not files.empty(out)
     except (OSError, ValueError) as error:
-        raise InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")]) from error
+        raise _unwritable(name, error) from error
     if taken:
         raise not_empty(out, command)
+
+
+def _unwritable(name: str | None, error: Exception) -> InputError:
+    return InputError([Fault("--out", name or "runs", f"a folder that can be written ({error})")])
 
 
 def not_empty(out: Path, command: str) -> InputError:

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
             phase = phases.begin("reading", unit="messages" if bags else "rows")
             posed = task(arguments.logs, config, phase.advance)
             unseen = room.to_predict(arguments.unseen, config, posed, phase.advance)
-    more, good, drawn = "", True, {}
+    more, good, result = "", True, None
     with begun_in(arguments.out, arguments.command) as out:
         with console.parts("fitting", settings.drives + (settings.starts + ROUNDS + 1 if posed else 0)) as tick:
             if posed is None:
@@ -50,8 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
                 text, more = page.write(config, result, out), f"; begin with {out}/report.html"
                 good = result.conclusion.good
                 more += f", go on with agvjax tune --config {out}/{SCENARIO}" if good else ""
-                drawn = overlay(posed.logs, result.fit)
         files.write(out / "config.toml", configuration.dump(config))
-        viewers.write_tracks(asked, drawn)
+        if posed is not None and result is not None and any(asked):
+            viewers.write_tracks(asked, overlay(posed.logs, result.fit))
     console.conclude(text, f"written to {out}{more}")
     return 0 if good else 1

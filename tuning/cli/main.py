@@ -18,7 +18,7 @@ from ..io.numbers import integer, real
 from .early import end_at_once
 from .options import Command, Option, flag, many, option
 from .questions import COMPLETION, EXPLAIN, NEW
-from .recordings import APPLY, IDENTIFY, LOG, WATCH
+from .recordings import APPLY, IDENTIFY, LOG, WATCH, viewers_of
 
 SCHEDULER = option(
     "--scheduler",
@@ -29,10 +29,7 @@ SHARED = (
     option("--num-processes", type=integer, metavar="N", help="number of processes that share the work (default: 1)"),
     option("--process-id", type=integer, metavar="K", help="index of this process, from 0 (default: 0)"),
 )
-VIEWERS = (
-    option("--mcap", metavar="FILE.mcap", help="also write what is drawn for Foxglove or PlotJuggler"),
-    option("--rerun", metavar="FILE.rrd", help="also write what is drawn for Rerun"),
-)
+VIEWERS = viewers_of("what is drawn")
 SIMULATE = Command(
     "simulate one vehicle; write trajectory, metrics, figures",
     (

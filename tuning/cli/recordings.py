@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .options import QUIET, Command, many, option
+from .options import QUIET, Command, Option, many, option
 
 TOPICS = (
     many("--topics", "ROLE=TOPIC", "which topic of a recording is its pose, command, speed, yaw_rate, steering"),
@@ -13,6 +13,16 @@ TOPICS = (
     ),
 )
 FIT = option("--fit", metavar="NAMES", help="fit groups (deadzone,delay,lag,disturbance,vehicle) or leaves")
+
+
+def viewers_of(what: str) -> tuple[Option, ...]:
+    """The options that also write files for viewers, of what."""
+    return (
+        option("--mcap", metavar="FILE.mcap", help=f"also write {what}, for Foxglove or PlotJuggler"),
+        option("--rerun", metavar="FILE.rrd", help=f"also write {what}, for Rerun"),
+    )
+
+
 IDENTIFY = Command(
     "what the actuators really do, from recorded drives; a scenario to tune for",
     (
@@ -23,8 +33,7 @@ IDENTIFY = Command(
             help="recorded drives: CSV, or as `agvjax log` reads them; without any, a drive to record is suggested",
         ),
         many("--unseen", "LOG", "a drive to predict with what was identified"),
-        option("--mcap", metavar="FILE.mcap", help="also write log and model, for Foxglove or PlotJuggler"),
-        option("--rerun", metavar="FILE.rrd", help="also write log and model, for Rerun"),
+        *viewers_of("log and model"),
         *(*TOPICS, FIT),
     ),
 )

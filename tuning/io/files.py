@@ -85,13 +85,13 @@ def empty(folder: Path) -> bool:
     return all(path.match(".*.part") and path.is_file() and not _writer_lives(path) for path in there)
 
 
-def writable(folder: Path) -> bool:
-    """Whether a folder is there and a file can be written in it."""
-    try:
-        tempfile.TemporaryFile(dir=folder, suffix=".part").close()
-    except (OSError, ValueError):
-        return False
-    return True
+def probe(folder: Path) -> None:
+    """Write a file in a folder, and let it go.
+
+    Raises:
+        OSError: there is no such folder, or nothing can be written in it.
+    """
+    tempfile.TemporaryFile(dir=folder, suffix=".part").close()
 
 
 def bare(folder: Path) -> bool:

@@ -53,10 +53,11 @@ def run_sweep(
     if scheduler is not None:
         schedule.checked(scheduler, "scheduler")
         _read(parcel(manifest, imports))  # before anything is written, what workers could not read
-    before = _taken_up(folder, manifest)  # refused before anything is written
+    _taken_up(folder, manifest)  # another sweep is refused before anything is written
     folder.mkdir(parents=True, exist_ok=True)
     with alone(folder, "folder"), schedule.opened(scheduler, said, "scheduler") as engine:
-        if (before := before or _taken_up(folder, manifest)) is None:
+        before = _taken_up(folder, manifest)
+        if before is None:
             shards.write_manifest(folder, manifest)
         manifest = before or manifest
         every = work.judges(config, plan, list(laws.values()), manifest.block, None if scheduler is None else 1)

@@ -265,19 +265,20 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, reco
     scenes = {"nominal": ("nominal scenario", config.scenario)}
     scenes["worst"] = ("validation scenario with the largest error of the tuned gains", verdict.worst)
     drawings: dict[str, Drawing] = {}
-    recorded: dict[str, agvjax.Trajectory] = {}  # of the nominal scenario, which is the first
+    runs: dict[str, dict[str, agvjax.Trajectory]] = {}
     unit = config.scenario.plant.command_units[0]
     for name, (title, scene) in scenes.items():
-        before, after = (_run(config, law, scene) for law in (config.controller, outcome.controller))
-        recorded = recorded or {"before": before, "after": after}
-        drawings[name] = partial(figures.tracking_figure, before, after, title, mapped.corners(scene.path), unit)
+        laws = {"before": config.controller, "after": outcome.controller}
+        runs[name] = {which: _run(config, law, scene) for which, law in laws.items()}
+        points = mapped.corners(scene.path)
+        drawings[name] = partial(figures.tracking_figure, *runs[name].values(), title, points, unit)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
     lost = write_figures(out, drawings)
     text = markdown(outcome, verdict) + appendix
     publish(out, text, (SYMBOLS, SENSITIVITIES, SEEN, SEARCH))
-    viewers.write_runs(recordings, recorded, config.scenario.plant)
+    viewers.write_runs(recordings, runs["nominal"], config.scenario.plant)
     return "\n\n".join([brief(outcome, verdict), *lost])
 
 

@@ -202,15 +202,15 @@ def distance_of(moved: np.ndarray, W: np.ndarray) -> np.ndarray:
 
 
 def _numbers(ranked: Ranked, settings: Watch) -> tuple[Number, ...]:
-    parameters, own, others, W, passed, _ = ranked
-    spread = np.sqrt(np.diag(ranked.spread))
+    parameters, own, others, W, passed, spread = ranked
+    deviations = np.sqrt(np.diag(spread))
     limit = critical(distance_of(others, W), settings.false_alarms)
     pull, distance = W @ own, max(float(own @ W @ own), 1e-300)
     told = []
     for j, (q, wanted) in enumerate(zip(parameters, settings.seen * sizes(parameters), strict=True)):
         move, share = pull[j] / W[j, j], pull[j] ** 2 / W[j, j] / distance
         least = max(least_seen(others, W, passed[:, j], sign * wanted, limit) for sign in (1.0, -1.0))
-        numbers = (q.nominal, q.nominal + move, share, least, wanted, spread[j])
+        numbers = (q.nominal, q.nominal + move, share, least, wanted, deviations[j])
         told.append(Number(q.name, q.unit, *map(float, numbers)))
     return tuple(told)
 

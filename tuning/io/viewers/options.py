@@ -13,7 +13,7 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.protocols import Plant
 
-from ..files import writable, write_by
+from ..files import probe, write_by
 from . import mcap_file, rerun_file
 from .told import Track, of_run
 
@@ -52,8 +52,13 @@ def check(files: Asked) -> None:
         if not all(map(importlib.util.find_spec, needs)):
             rule = f"left out where {' and '.join(needs)} is not installed: {INSTALL}"
             wrong.append(Fault(f"--{kind}", file, rule))
-        elif path.suffix != ENDS[kind] or os.path.exists(path) or not writable(path.parent):
-            rule = f"a new file that ends in {ENDS[kind]}, in a folder that there is and that you may write in"
+            continue
+        rule = f"a new file that ends in {ENDS[kind]}, in a folder that there is and that you may write in"
+        try:
+            if path.suffix != ENDS[kind] or os.path.exists(path):
+                raise OSError
+            probe(path.parent)
+        except (OSError, ValueError):
             wrong.append(Fault(f"--{kind}", file, rule))
     if wrong:
         raise InputError(wrong)

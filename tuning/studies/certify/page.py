@@ -66,8 +66,8 @@ def contradiction(config: Config, found: Certified) -> str:
         where = f"a little beyond {found.found:.3g} of the box"
     return (
         f"Proof and search contradict each other, so one of them is wrong, or the simulator's step (sweep.dt) is too"
-        f" coarse; rely on neither. A proof was found of"
-        f" {claim(config)} in {found.share:.3g} of the box, and a simulated run that violates it {where}"
+        f" coarse; rely on neither. A proof was found of {claim(config)}"
+        f" in {found.share:.3g} of the box, and a simulated run that violates it {where}"
     )
 
 
