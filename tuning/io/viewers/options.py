@@ -13,7 +13,7 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.protocols import Plant
 
-from ..files import probe, write_by
+from ..files import write_by
 from . import mcap_file, rerun_file
 from .told import Track, of_run
 
@@ -57,7 +57,8 @@ def check(files: Asked) -> None:
         try:
             if path.suffix != ENDS[kind] or os.path.exists(path):
                 raise OSError
-            probe(path.parent)
+            write_by(path, lambda stream: None)  # as it will be written: its name may be too long, its folder closed
+            path.unlink()
         except (OSError, ValueError):
             wrong.append(Fault(f"--{kind}", file, rule))
     if wrong:

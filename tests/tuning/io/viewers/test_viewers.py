@@ -182,8 +182,8 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path,
     assert main(["simulate", "--out", "run", option, name]) == 2
     end = ".mcap" if option == "--mcap" else ".rrd"
     assert f"{option} = {name}: must be a new file that ends in {end}" in capsys.readouterr().err
-    assert main(["simulate", "--out", "run", "--mcap", "a.txt", "--rerun", "b.txt"]) == 2
-    assert "2 bad values" in capsys.readouterr().err
+    assert main(["simulate", "--out", "run", "--mcap", "a.txt", "--rerun", f"{'b' * 240}.rrd"]) == 2
+    assert "2 bad values" in capsys.readouterr().err and [path.name for path in tmp_path.iterdir()] == ["there.mcap"]
     assert not (tmp_path / "run").exists() and (tmp_path / "there.mcap").read_bytes() == b"kept"
 
 
