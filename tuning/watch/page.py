@@ -89,6 +89,13 @@ def _seems(one: Number) -> str:
     return f"{one.name} (tuned for {one.tuned:.4g}, now about {one.seems:.4g}{unit})"
 
 
+def _least(one: Number) -> str:
+    """The least change that a log shows of a number, in words where it is none."""
+    if not np.isfinite(one.seen):
+        return "none: the log says nothing of it"
+    return f"{one.seen:.2g}" + ("" if one.told else ", more than it should")
+
+
 def page(config: Config, found: Watched, logs: list[str], doubts: list[str]) -> str:
     """The text of `report.md`."""
     names = f"{', '.join(logs[:3])}{' and others' if len(logs) > 3 else ''}"
@@ -97,9 +104,9 @@ def page(config: Config, found: Watched, logs: list[str], doubts: list[str]) -> 
             one.name,
             f"{one.tuned:.4g}",
             f"{one.spread:.2g}",
-            f"{one.seems:.4g}",
-            f"{one.explains:.0%}",
-            f"{one.seen:.2g}" + ("" if one.told else ", too much"),
+            f"{one.seems:.4g}" if np.isfinite(one.seen) else "",
+            f"{one.explains:.0%}" if np.isfinite(one.seen) else "",
+            _least(one),
             one.unit,
         ]
         for one in sorted(found.numbers, key=lambda one: -one.explains)

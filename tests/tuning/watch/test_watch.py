@@ -169,6 +169,12 @@ def test_still_tuned_says_what_it_did_not_see():
     assert "Still tuned" in text and "1 of 2 numbers" in text and "plant.track" in text
 
 
+def test_the_table_says_in_words_what_a_log_cannot_show():
+    assert page._least(number("a", np.inf, 0.02)) == "none: the log says nothing of it"
+    assert page._least(number("a", 0.03, 0.02)) == "0.03, more than it should"
+    assert page._least(number("a", 0.01, 0.02)) == "0.01"
+
+
 def test_too_few_logs_to_be_that_sure_are_no_setting():
     with pytest.raises(agvjax.InputError, match=r"watch\.logs = 98.*at least 99"):
         base("watch.logs=98")
