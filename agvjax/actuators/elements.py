@@ -222,8 +222,8 @@ class Delay(Element):
         )
         share = jnp.clip((h - (self.time + lates - ages)) / h, 0, 1)  # of the step, for which each has arrived
         mean = values[-1]
-        for i in range(self.slots - 2, -1, -1):
-            mean = mean + share[i] * (values[i] - mean)
+        for i in range(self.slots - 2, -1, -1):  # `mean` stands there once: XLA may compute it wherever it stands
+            mean = (1 - share[i]) * mean + share[i] * values[i]
         return DelayMemory(
             values=values, ages=ages + h, late=lates, mean=mean, count=memory.count + new.astype(memory.count.dtype)
         )

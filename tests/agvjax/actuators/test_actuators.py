@@ -1,5 +1,10 @@
 """Elements between command and vehicle: what each delivers, in what order, and with what slope."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -87,6 +92,32 @@ def test_delay_moves_the_signal_by_its_time(time, dt):
     area = np.cumsum(out) * dt
     exact = np.clip(t + dt - 0.5 - time, 0, 0.5) + 0.5 * np.clip(t + dt - 1.0 - time, 0, None)
     np.testing.assert_allclose(area, exact, atol=1e-9)
+
+
+MAPPED = """
+import re, agvjax, jax, jax.numpy as jnp
+from pathlib import Path
+from agvjax import Base, Chain, Delay, PathPID, Route, Sampled, Scenario
+chain = Chain(delay=Delay(slots=24))
+scenario = Scenario.of(Base(), path=Route.through([[0.0, 0.0], [80.0, 0.0]]), actuators={"left": chain, "right": chain})
+def last(time):
+    one = agvjax.replace(scenario, {"actuators.left.delay.time": time})
+    law = Sampled(inner=PathPID(), vehicle=Base())
+    return agvjax.simulate(law, one, dt=0.005, n_steps=200, save_every=10).position[-1]
+print(jax.vmap(last)(jnp.linspace(0.05, 0.2, 17)).shape)
+print(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text()).group(1))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is asked of Linux")
+def test_a_delay_for_each_robot_is_compiled_within_two_gigabytes():
+    """With agvjax's compiler options; a chain of slots that names each one twice took over nine."""
+    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
+    environment |= {"AGVJAX_XLA": "", "JAX_ENABLE_COMPILATION_CACHE": "0"}
+    done = subprocess.run([sys.executable, "-c", MAPPED], env=environment, capture_output=True, text=True, check=True)
+    shape, kilobytes = done.stdout.split("\n")[:2]
+    assert shape == "(17, 2)" and int(kilobytes) < 2_000_000
 
 
 def test_delay_of_a_signal_that_changes_every_step_needs_the_slots_for_it():
