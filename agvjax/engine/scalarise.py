@@ -8,7 +8,7 @@ Rewritten so that every number is an array of its own, all have the shape (B,) a
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -19,6 +19,7 @@ from jax.extend import core
 from jaxtyping import PyTree
 
 from .elementary import exp_p
+from .once import Once, Scalar, extreme
 
 ELEMENTWISE = frozenset(
     "abs add add_any and atan2 ceil clamp convert_element_type copy cos cosh div eq exp exp2 expm1 floor ge gt "
@@ -27,7 +28,6 @@ ELEMENTWISE = frozenset(
 )
 CALLS = frozenset({"pjit", "jit", "closed_call", "core_call"})
 MOST_SCALARS = 128  # in the state of a loop; with more (many adapted weights) compiling takes longer than it saves
-Scalar = jax.Array | np.ndarray | np.generic
 Shape = tuple[int, ...]
 Scalars = np.ndarray  # of dtype object: one scalar in each place
 
@@ -57,36 +57,6 @@ def join(x: Scalars) -> Scalar:
     if is_whole(x):
         return x
     return x[()] if not x.shape else jnp.stack([jnp.asarray(v) for v in x.ravel()]).reshape(x.shape)
-
-
-def _token(x: Scalar) -> Hashable:
-    """Equal for equal numbers; a tracer, which `Once` keeps alive, is equal to itself alone."""
-    return (np.dtype(x.dtype).str, x.tobytes()) if isinstance(x, (np.generic, np.ndarray)) else id(x)
-
-
-class Once:
-    """Scalar operations, each bound once: a law asked twice at one instant costs no second trace."""
-
-    def __init__(self) -> None:
-        self.known: dict[Hashable, tuple[Any, tuple[Scalar, ...]]] = {}
-
-    def bind(
-        self,
-        primitive: core.Primitive,
-        params: dict[str, Any],
-        inputs: tuple[Scalar, ...],
-        function: Callable[..., Any] | None = None,
-    ) -> Any:
-        """The primitive, or the `function` that stands for it, on these numbers."""
-        function = functools.partial(primitive.bind, **params) if function is None else function
-        try:
-            key = (primitive, tuple(params.items()), tuple(map(_token, inputs)))
-            hash(key)
-        except (TypeError, AttributeError):  # parameters or numbers that cannot be compared
-            return function(*inputs)
-        if key not in self.known:
-            self.known[key] = (function(*inputs), inputs)
-        return self.known[key][0]
 
 
 def _each(function: Callable[..., Scalar], inputs: Sequence[Scalars]) -> Scalars:
@@ -134,23 +104,10 @@ STRUCTURAL: dict[str, Callable[..., Scalars]] = {
 }
 
 
-def _extreme(primitive: core.Primitive, beyond: core.Primitive) -> Callable[..., Scalar]:
-    """Max or min with a constant: one comparison, where XLA's asks for NaN on either side. NaN goes on as before."""
-
-    def bind(once: Once, x: Scalar, y: Scalar) -> Scalar:
-        if isinstance(x, np.ndarray):
-            x, y = y, x
-        if isinstance(x, np.ndarray) or not isinstance(y, np.ndarray) or np.isnan(y):
-            return once.bind(primitive, {}, (x, y))
-        return once.bind(lax.select_n_p, {}, (once.bind(beyond, {}, (y, x)), x, y))
-
-    return bind
-
-
 CHEAPER: dict[str, Callable[..., Scalar]] = {
     "exp": lambda once, x: once.bind(exp_p, {}, (x,)),
-    "max": _extreme(lax.max_p, lax.gt_p),
-    "min": _extreme(lax.min_p, lax.lt_p),
+    "max": extreme(lax.max_p, lax.gt_p),
+    "min": extreme(lax.min_p, lax.lt_p),
 }
 REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": lax.add_p}
 REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}

@@ -129,6 +129,22 @@ def test_join_is_the_inverse_of_split():
         same(join(split(x)), x)
 
 
+@pytest.mark.parametrize(("extreme", "plain"), [(jnp.maximum, np.maximum), (jnp.minimum, np.minimum)])
+def test_the_larger_of_two_numbers_has_its_slope_whatever_it_is_rounded_to(extreme, plain):
+    """JAX asks which of both equals the result: where the compiler rounds it in two ways, neither does."""
+    x, y = jnp.array([1.0, 2.0, jnp.nan, 3.0]), jnp.array([2.0, 1.0, 0.0, jnp.nan])
+    rewritten, pack = scalarise(lambda x, y: extreme(x, y), x, y)
+
+    def function(x, y):
+        return pack(rewritten(split_tree(x), split_tree(y)))
+
+    along = jnp.full(4, 10.0), jnp.full(4, 20.0)
+    value, slope = jax.jvp(function, (x, y), along)
+    np.testing.assert_array_equal(value, plain(x, y))
+    np.testing.assert_array_equal(slope[:2], np.where(plain(x, y) == y, 20, 10)[:2])
+    assert " eq " not in str(jax.make_jaxpr(lambda *x: jax.jvp(function, x, along))(x, y))
+
+
 @pytest.mark.parametrize(("bound", "plain"), [(jnp.maximum, np.maximum), (jnp.minimum, np.minimum)])
 def test_a_bound_keeps_its_value_and_lets_nan_through(bound, plain):
     x = jnp.array([-2.0, -0.0, 0.0, 3.0, jnp.nan])
