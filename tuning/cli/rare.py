@@ -62,7 +62,7 @@ def _begun(arguments: argparse.Namespace, config: Config) -> Path | None:
     if os.path.isdir(out) and study.begun(out):
         same_settings(out, config, "--out")
         return out
-    if arguments.resume and not (os.path.isdir(out) and files.empty(out)):
+    if arguments.resume:
         rule = "used with --out, the folder of a search that has begun"
         raise InputError([Fault("--resume", arguments.out or "without --out", rule)])
     usable(arguments.out, arguments.command)

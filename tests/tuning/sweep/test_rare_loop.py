@@ -207,7 +207,10 @@ def test_the_folder_of_another_command_is_not_taken_over_and_said_at_once(search
     monkeypatch.setattr(rare.schedule, "opened", forbidden)
     here = ["--out", str(other)]
     assert main([*argv, *here]) == 2 and "not empty" in capsys.readouterr().err
-    assert main([*argv, *here, "--resume"]) == 2 and "a search that has begun" in capsys.readouterr().err
+    (empty := tmp_path / "empty").mkdir()
+    for folder in (other, empty):
+        assert main([*argv, "--out", str(folder), "--resume"]) == 2
+        assert "a search that has begun" in capsys.readouterr().err
     assert main([*argv, "--set", "seed=5"]) == 2 and "is `seed = 5`" in capsys.readouterr().err
     assert main([*argv, "--out", str(other / "gains.toml" / "below")]) == 2
     assert "--out" in capsys.readouterr().err and contents(other) == before
