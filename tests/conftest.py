@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
@@ -15,6 +16,29 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_compilation_cache_dir", str(KEPT))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+PLAIN = "--xla_cpu_use_fusion_emitters=false"  # the compiler's older and quicker way; known to jaxlib 0.8 to 0.10
+OLDER = (0, 8) <= tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10)
+LITTLE = "jax_disable_most_optimizations"
+
+
+def pytest_configure(config):
+    """Quick tests mostly wait for the compiler: it optimises little. Those of `make slow` are compiled as ever."""
+    if config.option.markexpr != "not slow" or "XLA_FLAGS" in os.environ:
+        return
+    if OLDER:
+        os.environ["XLA_FLAGS"] = PLAIN
+    jax.config.update(LITTLE, True)
+
+
+@pytest.fixture(scope="module")
+def optimised():
+    """For tests that compute longer than they compile."""
+    before = jax.config.values[LITTLE]
+    jax.config.update(LITTLE, False)
+    yield
+    jax.config.update(LITTLE, before)
+
 
 MAPS = Path("/proc/self/maps")
 MANY = 8_000  # pieces of memory; Linux lets a process have 65 530, and Python slows down long before
