@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import importlib.util
 import re
 import shlex
 import sys
@@ -59,6 +60,21 @@ def picture(file: str, caption: str) -> str:
     """A figure of the run folder, and below it a `caption` that can be understood alone."""
     caption = caption.replace('"', "'")
     return f'![{caption.rstrip(".")}]({file} "{caption}")'
+
+
+def look_closer(folder: Path, scenes: Mapping[str, tuple[agvjax.Scenario, Sequence[agvjax.Trajectory]]]) -> str:
+    """Write `runs.html`, interactive figures of runs, and return a link to it; nothing where Bokeh is not installed.
+
+    Args:
+        folder: of the report.
+        scenes: by title, a scenario and its runs with the starting and with the tuned gains.
+    """
+    if importlib.util.find_spec("bokeh") is None:
+        return ""
+    from .closer import write_page  # late: takes half a second to import
+
+    write_page(folder / "runs.html", scenes)
+    return "[Look closer](runs.html): path, errors and commands of these runs and of the worst, to zoom into."
 
 
 def made() -> str:

@@ -18,7 +18,7 @@ from ..config.names import in_words
 from ..config.settings import FOLLOWED_METRICS, LATE, Config
 from ..ensemble.worst import statement
 from ..io import files, viewers
-from ..io.pages import grid, meanings, picture, publish
+from ..io.pages import grid, look_closer, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from ..io.statements import worst_of
 from . import caveats, figures, populations, tables
@@ -68,8 +68,8 @@ def subject(config: Config) -> str:
 
 
 # long: one template
-def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
-    """`report.md`."""
+def markdown(outcome: Outcome, verdict: TuneVerdict, closer: str = "") -> str:
+    """`report.md`; `closer` is a link to the interactive page, where there is one."""
     problem, run, p = outcome.problem, outcome.run, outcome.progress
     config, objective, tuned = problem.config, problem.tuner.objective, problem.tuner.gains
     settings, before, after = config.tune, verdict.before, verdict.after
@@ -105,6 +105,8 @@ def markdown(outcome: Outcome, verdict: TuneVerdict) -> str:
 {tables.words(after["validation"].size, bool(outcome.found), bool(tuned.stability))}
 
 {picture("nominal.png", NOMINAL)}
+
+{closer}
 
 ## The gains
 
@@ -276,7 +278,10 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, reco
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)
     lost = write_figures(out, drawings)
-    text = markdown(outcome, verdict) + appendix
+    titles = {
+        title[0].upper() + title[1:]: (scene, tuple(runs[name].values())) for name, (title, scene) in scenes.items()
+    }
+    text = markdown(outcome, verdict, look_closer(out, titles)) + appendix
     publish(out, text, (SYMBOLS, SENSITIVITIES, SEEN, SEARCH))
     viewers.write_runs(recordings, runs["nominal"], config.scenario.plant)
     return "\n\n".join([brief(outcome, verdict), *lost])

@@ -168,7 +168,7 @@ def history(out):
 def test_tune_writes_what_it_promises(tuned):
     out, said = tuned
     figures = [f"{name}.png" for name in FIGURES["tune"]]
-    assert files_of(out) == sorted([*TUNED, "report.html", "report.md", "worst.json", *figures])
+    assert files_of(out) == sorted([*TUNED, "report.html", "report.md", "runs.html", "worst.json", *figures])
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in figures)
     report = (out / "report.md").read_text()
     assert meant(report) == ["worst of 4", "worst before a metric, in goals and limits", "worst found", "proved"]

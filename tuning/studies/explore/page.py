@@ -18,6 +18,8 @@ from agvjax import InputError
 
 from ...config import check, load
 from ...config.ends import LAW
+from ...io import closer
+from ...io.curves import columns
 from ...tune.rules import faults
 from . import drawing, table
 from .background import Desk, Tuning
@@ -50,7 +52,7 @@ class Page:
         self.tuning: Tuning | None = None
         self._setting, self._waiting, self._serial = False, False, 0
         self.first = self.shown = rollouts.shown(self.config)
-        self.source, self._before = (ColumnDataSource(data=drawing.columns(self.first)) for _ in range(2))
+        self.source, self._before = (ColumnDataSource(data=columns(self.first.curves)) for _ in range(2))
         self.table, self.banner = Div(), Div(text="", styles={"min-height": "22px"}, sizing_mode="stretch_width")
         self.buttons = {name: Button(label=label) for name, label in drawing.BUTTONS.items()}
         for name, action in {"tune": self.tune, "save": self.save, "reset": self.reset}.items():
@@ -65,7 +67,7 @@ class Page:
         time = Range1d(start=0, end=end)
         part = RadioButtonGroup(labels=["whole run", f"after {late:g} s"], active=0, margin=(0, 0, 4, 40))
         part.on_change("active", lambda attr, old, new: time.update(start=late if new else 0, end=end))
-        paths, errors, actuators = drawing.figures(self.config, time, self.source, self._before)
+        paths, errors, actuators = closer.figures(self.config.scenario, time, self.source, self._before)
         left = [drawing.heading("Gains"), *(self.handles[s.key] for s in self.moving.sliders if s.of_law)]
         others = [self.handles[s.key] for s in self.moving.sliders if not s.of_law]
         left += [drawing.heading("Vehicle"), *others] if others else []
@@ -89,7 +91,7 @@ class Page:
             value=ends[2],
             step=(ends[1] - ends[0]) / STEPS,
             format=CustomJSTickFormatter(code=POWER if slider.log else PLAIN),
-            bar_color=drawing.NOW,
+            bar_color=closer.NOW,
             width=drawing.LEFT - 60,
             margin=(1, 12, 1, 8),
             stylesheets=[drawing.SMALL],
@@ -114,7 +116,7 @@ class Page:
         self._serial += 1
         if self.document is not None:
             self.document.hold("combine")  # one message for all
-        self.source.data.update(drawing.columns(self.shown))
+        self.source.data.update(columns(self.shown.curves))
         self._write()
         if self.document is not None:
             self.document.unhold()

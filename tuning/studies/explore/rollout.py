@@ -20,6 +20,7 @@ from ...config import dump, mapped
 from ...config.ends import LAW
 from ...config.settings import Config
 from ...ensemble.draws import sample
+from ...io import curves
 from .sliders import Movable
 
 VEHICLES = 16  # of the ensemble, that a move is judged on
@@ -31,8 +32,7 @@ class Shown(NamedTuple):
     """What stands on the page for one place of all sliders.
 
     Attributes:
-        curves: samples (n,) or (n, c) by name: `t` [s], `path` and `position` (n, 2) [m], `errors` (n, c) as
-            `error_labels` says, `asked` and `delivered` (n, m) of the actuators. NaN where a number cannot be drawn.
+        curves: samples by name, as `io.curves.of_run` has them; NaN where a number cannot be drawn.
         ok: whether the run stayed within `scenario.limit`.
         metrics: of the run, by name, as `agvjax simulate` has them.
         mean: over the vehicles.
@@ -73,14 +73,14 @@ class Rollouts:
         """What stands on the page for a configuration that differs from the first in what moves alone."""
         values = self._leaves(config)
         others = self._pool.submit(lambda: jax.device_get(self._many(values, self._drawn(config))))
-        curves = jax.device_get(self._run(values))
-        numbers, ok, off = curves.pop("metrics"), curves.pop("ok"), mapped.origin(config.scenario)
-        curves |= {name: np.asarray(curves[name], float) + off for name in ("path", "position")} if off.any() else {}
+        drawn = jax.device_get(self._run(values))
+        numbers, ok, off = drawn.pop("metrics"), drawn.pop("ok"), mapped.origin(config.scenario)
+        drawn |= {name: np.asarray(drawn[name], float) + off for name in ("path", "position")} if off.any() else {}
         every, fine = others.result()
         with np.errstate(invalid="ignore"):
             mean = every.mean(axis=1)
         return Shown(
-            curves={name: shown(x) for name, x in curves.items()},
+            curves={name: shown(x) for name, x in drawn.items()},
             ok=bool(ok),
             metrics=dict(zip(self.names, numbers.tolist(), strict=True)),
             mean=dict(zip(self.names, mean.tolist(), strict=True)),
@@ -96,9 +96,8 @@ class Rollouts:
         # rolled out again, from every step: that takes a fraction of the time of `measure` of as many samples
         metrics = agvjax.evaluate(law, scenario, criteria=self.config.judged(delivered=True), **timing)
         some = np.unique(np.linspace(0, len(run.t) - 1, 2 * POINTS).round().astype(int))
-        picked = {"t": run.t, "path": run.reference_position, "position": run.position}
-        picked |= {"errors": _errors(run), "asked": run.inputs, "delivered": run.delivered}
-        return {n: x[some] for n, x in picked.items()} | {"metrics": self._stacked(metrics), "ok": run.ok}
+        picked = {name: x[some] for name, x in curves.of_run(run).items()}
+        return picked | {"metrics": self._stacked(metrics), "ok": run.ok}
 
     def many(self, values: Leaves, drawn: Leaves) -> tuple[Array, Array]:
         """The ensemble: metrics (M, vehicles), and which runs did not diverge (vehicles,)."""
@@ -135,19 +134,3 @@ def _apart(n_steps: int) -> int:
     """Steps between samples that are drawn: a divisor of their number, for at least `POINTS` of them."""
     most = max(1, n_steps // POINTS)
     return next(k for k in range(most, 0, -1) if n_steps % k == 0)
-
-
-def error_labels(config: Config) -> tuple[tuple[str, str], ...]:
-    """Name and unit of each column of the errors."""
-    if config.scenario.path.by_arc():
-        return ("to the left of the route", "mm"), ("heading error", "deg"), ("speed error", "m/s")
-    named = (("error in x", "m"), ("error in y", "m"), ("heading error", "rad"))
-    return named if config.scenario.plant.commands_heading else named[:2]
-
-
-def _errors(run: agvjax.Trajectory) -> Array:
-    """The columns that `error_labels` names."""
-    ride = run.route
-    if ride is None:
-        return agvjax.tracking_error(run)
-    return jnp.stack([1e3 * ride.cross_track, jnp.degrees(ride.heading_error), ride.speed - ride.wanted], axis=-1)
