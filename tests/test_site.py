@@ -207,3 +207,31 @@ def test_pages_are_accessible_by_the_rules_of_axe(every, site, monkeypatch):
     assert len(looked_at) > 15 and set(FEW) <= set(pages)
     looked_at = looked_at if every else FEW
     assert browser.visit("about:blank", visit) == {}
+
+
+BOX = "document.querySelector('[data-md-component=search-query]')"
+SEARCHED = f"""(box => {{
+  document.querySelector('#__search').click();
+  box.focus();
+  box.value = 'limit cycle';
+  for (const kind of ['keyup', 'input']) box.dispatchEvent(new Event(kind, {{ bubbles: true }}));
+}})({BOX})"""
+HITS = "[...document.querySelectorAll('.md-search-result__item a')].map(link => link.href)"
+
+
+@pytest.mark.parametrize("page", ["index.html", "reference/keys/tune.html"])
+def test_a_page_that_is_opened_as_a_file_can_be_searched(page, site, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks import browser
+
+    if browser.found() is None:
+        pytest.skip("no Chromium")
+    folder, address = site[0], (site[0] / page).as_uri()
+
+    async def visit(tab):
+        await tab.until(f"{BOX} !== null")
+        await tab.value(SEARCHED)
+        await tab.until(f"{HITS}.length > 0")
+        return await tab.value(HITS)
+
+    assert f"{folder.as_uri()}/deadzone.html#limit-cycles" in browser.visit(address, visit)
