@@ -35,9 +35,14 @@ def pytest_configure(config):
 def optimised():
     """For tests that compute longer than they compile."""
     before = jax.config.values[LITTLE]
-    jax.config.update(LITTLE, False)
+    _compiled_anew(False)
     yield
-    jax.config.update(LITTLE, before)
+    _compiled_anew(before)
+
+
+def _compiled_anew(little):
+    jax.clear_caches()  # a program that is there already would stay as it was compiled
+    jax.config.update(LITTLE, little)
 
 
 MAPS = Path("/proc/self/maps")

@@ -104,11 +104,13 @@ def test_beliefs_half_wrong_come_to_the_truth_within_a_minute():
     assert np.mean(found < 0.1) >= 0.9 and np.median(found) < 0.03
 
 
+@pytest.mark.slow
 def test_noise_of_a_millimetre_per_second_costs_some_of_that():
     found = errors(0.001)
     assert np.mean(found < 0.1) >= 0.5 and np.max(found) < 0.4
 
 
+@pytest.mark.slow
 def test_what_the_vehicle_does_otherwise_is_put_down_to_the_deadzone():
     """Not what one would like; the docs say so."""
     assert np.mean(errors(0.0, drawn=True) < 0.1) < 0.1

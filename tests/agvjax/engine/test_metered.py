@@ -26,7 +26,7 @@ def along_a_route():
 
 @pytest.mark.parametrize("loop", [with_memory, along_a_route])
 @pytest.mark.parametrize(  # 2 looks, 100, 302 in 303, 6499 in 6552
-    "n_steps", [1, pytest.param(99, marks=pytest.mark.slow), pytest.param(301, marks=pytest.mark.slow), 6498]
+    "n_steps", [*(pytest.param(n, marks=pytest.mark.slow) for n in (1, 99, 301)), 6498]
 )
 def test_metrics_are_those_of_the_trajectory(loop, n_steps):
     law, scenario = loop()

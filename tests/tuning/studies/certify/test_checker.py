@@ -116,9 +116,11 @@ def stronger(made):
     yield "half of the box", one
 
 
-def test_fifty_stronger_claims_with_a_digest_of_their_own_are_refused(made):
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
+def test_fifty_stronger_claims_with_a_digest_of_their_own_are_refused(made, every):
     wrong = list(stronger(made))
     assert len(wrong) >= 50
+    wrong = wrong[::every]
     accepted = [what for what, certificate in wrong if not refused(signed(certificate))]
     assert not accepted
 

@@ -319,6 +319,7 @@ def test_an_adversary_reaches_the_peak_gain_and_no_more(k, Lam):
     assert 0.99 < np.abs(y).max() / bounds.peak_gain(k, Lam) < 1 + 1e-6
 
 
+@pytest.mark.slow
 def test_corrected_bounds_hold_where_the_printed_are_vacuous(reports):
     kinds = ("observed", "printed", "corrected")
     observed, printed, corrected = (np.array([getattr(r, kind) for r in reports]) for kind in kinds)
