@@ -1,5 +1,8 @@
 """Where slopes came to little: CMA-ES from several places, of which the better go on, all sets looked at in one call.
 
+Before that, populations as wide as the screening look further: a narrow valley that random sets hardly hit is found on
+their way, and left again where more of the sets lie in a wide one. So their sets are places to begin at.
+
 Slopes lead down from one place, and where a cost is rugged, chattering or a narrow valley they end early. Populations
 of gain sets about places of their own (`methods.cma`) need none: one is drawn about the best so far, the others about
 Sobol points around the configured gains. Sets are compared as everywhere: the sum of excesses first, then the goal.
@@ -8,7 +11,7 @@ Sobol points around the configured gains. Sets are compared as everywhere: the s
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
@@ -19,7 +22,7 @@ from ..config.settings import Tune
 from ..ensemble.sobol import sobol
 from .methods.method import Progress
 from .methods.objective import FEASIBLE, Objective, Score
-from .screen import Screen
+from .screen import Screen, Screened
 from .tuner import HISTORY, Tuner
 
 if TYPE_CHECKING:
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 POPULATIONS, SIZE = 4, 16  # of gain sets, and sets in each: with 16 scenarios they fill one call
 REACH = 2  # of the places, as a power of `tune.spread`: 9 times, either way
 MOST = 48  # generations
+WIDE, CLOSING = 64, 8  # sets in a population that looks further, and its generations
 RUNGS = (6, 12)  # generations after which the better half of the populations goes on, one to the end
 PATIENCE, LITTLE = 20, 0.01  # generations in which a population must gain so much, as a share of its goal
 
@@ -44,11 +48,26 @@ def drawn(search: Progress) -> bool:
 
 
 @functools.cache
-def _method() -> Cma:
+def _method(most: int = MOST, size: int = SIZE, spread: float | None = None) -> Cma:
     """CMA-ES as it is asked and told here; costs are places in the ranking."""
     from .methods.cma import Cma  # late: nobody waits for pycma who does not need it
 
-    return Cma(Tune(iterations=MOST, options={"popsize": SIZE}), Objective(), lambda scenarios: jnp.sum)
+    options = {"popsize": size} | ({} if spread is None else {"sigma": spread})
+    return Cma(Tune(iterations=most, options=options), Objective(), lambda scenarios: jnp.sum)
+
+
+def further(screen: Screen, seen: Screened, moving: np.ndarray, tick: Callable[[int, int], None]) -> Screened:
+    """A look with that of wide populations about the best so far and places of their own."""
+    method, found = _method(CLOSING, WIDE, REACH * float(np.log(screen.tuner.settings.spread))), []
+    for about in places(screen, seen.places[0], moving):
+        state = method.begin(jnp.asarray(about[moving]), 0)
+        for _ in range(CLOSING):
+            sets = np.tile(about, (WIDE, 1))
+            sets[:, moving] = method.ask(state)
+            _, excess, goal = screen.scores(sets, tick)
+            state = method.told(state, np.argsort(np.lexsort((goal, excess))).astype(float))
+            found.append((sets, np.column_stack([excess, goal])))
+    return seen.joined(*(np.concatenate(x) for x in zip(*found, strict=True)))
 
 
 def state(begin: np.ndarray) -> Drawn:

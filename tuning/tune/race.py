@@ -19,9 +19,9 @@ from .tuner import Progress
 if TYPE_CHECKING:
     from .rounds import Run
 
-PLACES = 16  # of the screening are tried where gradients are of no use or gain little
+PLACES = 6  # far apart are tried where gradients are of no use or gain little
 RUNGS = (3, 6, 10, 15)  # iterations after which the better half of these goes on, and two to the end
-LITTLE = 0.05  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
+LITTLE = 0.1  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
 
 
 def advanced(problem: TuningProblem, run: Run) -> Run | None:
@@ -98,16 +98,19 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
     if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
-    if not run.round and (populations.drawn(searches[-1]) or len(searches) >= len(seen.apart(PLACES))):
+    starts = problem.config.tune.starts
+    if not run.round and (populations.drawn(searches[-1]) or len(searches) > starts):
         return _populations(run, seen, screen)
+    begun = seen.apart(starts)
     if run.round and len(searches) == 1:
         count = len(next(iter(run.added.values())))
         seen = screen.look(looking, np.asarray(searches[0].sound_z), count).after(seen)
-    places = seen.apart(PLACES)
-    done = len(searches) - bool(run.round)  # the first search of a later round is at a place of its own
-    if len(places) <= done:
+    elif run.round:
         return None
-    further = (problem.tuner.begin(z, run.moving) for z in places[done:])
+    else:
+        seen = populations.further(screen, seen, run.moving, looking)
+    places = [z for z in seen.apart(PLACES) if run.round or not (z == begun).all(axis=1).any()]
+    further = (problem.tuner.begin(z, run.moving) for z in places)
     return run._replace(screened=seen, searches=(*searches, *further))
 
 

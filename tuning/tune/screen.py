@@ -46,6 +46,14 @@ class Screened(NamedTuple):
         looked, lost, rollouts = self.looked + first.looked, self.lost + first.lost, self.rollouts + first.rollouts
         return self._replace(unit=first.unit, looked=looked, lost=lost, rollouts=rollouts)
 
+    def joined(self, places: np.ndarray, ranks: np.ndarray) -> Screened:
+        """This look and further gain sets (N, K) that were given the whole ensemble, with their ranks (N, 2)."""
+        places, ranks = np.concatenate([self.places, places]), np.concatenate([self.ranks, ranks])
+        order, more = np.lexsort((ranks[:, 1], ranks[:, 0])), len(places) - len(self.places)
+        lost = self.lost + int(np.isinf(ranks[len(self.ranks) :, 1]).sum())
+        price = {"looked": self.looked + more, "lost": lost, "rollouts": self.rollouts + more}
+        return self._replace(places=places[order], ranks=ranks[order], **price)
+
     def apart(self, count: int) -> np.ndarray:
         """The best places that lie apart, at least one and at most so many, (S, K)."""
         chosen = [0]
@@ -159,9 +167,11 @@ class Screen:
         score = jax.jit(jax.vmap(lambda values, ok: objective.score(values, ok, baseline)))
         return _compared(objective, score(jnp.asarray(values), jnp.asarray(ok)), ok)
 
-    def scores(self, points: np.ndarray) -> tuple[Score, np.ndarray, np.ndarray]:
+    def scores(
+        self, points: np.ndarray, tick: Callable[[int, int], None] = lambda runs, sets: None
+    ) -> tuple[Score, np.ndarray, np.ndarray]:
         """What gain sets (N, K) are worth in the whole ensemble: scores, sums of excesses (N,) and goals (N,)."""
-        values, ok = self._runs(points, np.arange(self.size), lambda runs, sets: None)
+        values, ok = self._runs(points, np.arange(self.size), tick)
         score = self.tuner.score_all(jnp.asarray(values), jnp.asarray(ok))
         return score, *_compared(self.tuner.objective, score, ok)
 
