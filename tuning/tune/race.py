@@ -98,10 +98,10 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
     if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
-    starts = problem.config.tune.starts
-    if not run.round and (populations.drawn(searches[-1]) or len(searches) > starts):
+    looked_further = seen.looked > 1 + screen.tuner.settings.screen
+    if not run.round and (populations.drawn(searches[-1]) or looked_further):
         return _populations(run, seen, screen)
-    begun = seen.apart(starts)
+    begun = seen.apart(problem.config.tune.starts)
     if run.round and len(searches) == 1:
         count = len(next(iter(run.added.values())))
         seen = screen.look(looking, np.asarray(searches[0].sound_z), count).after(seen)

@@ -193,8 +193,8 @@ class Nobody:
         return []
 
 
-@pytest.mark.parametrize(("floor", "others"), [(1.0, True), (3.0, False)])
-def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, others, monkeypatch):
+@pytest.mark.parametrize(("floor", "others", "starts"), [(1.0, True, 1), (3.0, False, 1), (1.0, True, 64)])
+def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, others, starts, monkeypatch):
     """A plateau at `floor` about the start, without slopes, in a cone that falls to .2 elsewhere."""
     for name in ("before_and_after", "tighter"):  # what answers has no finer step
         monkeypatch.setattr(rounds, name, lambda *arguments: None)
@@ -213,7 +213,7 @@ def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, oth
 
     screen, _ = far_from(runs, count=7)
     tuner = dataclasses.replace(screen.tuner, compiled=model)
-    config = Config(tune=Tune(screen=7), ensemble=Ensemble(size=SIZE))
+    config = Config(tune=Tune(screen=7, starts=starts), ensemble=Ensemble(size=SIZE))
     outcome = solve(TuningProblem(config, tuner, Nobody(), dataclasses.replace(screen, tuner=tuner)))
     assert (len(outcome.run.searches) > 1) == others
     np.testing.assert_allclose(outcome.progress.best_z, tip, atol=0.05)
