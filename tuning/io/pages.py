@@ -74,7 +74,7 @@ def look_closer(folder: Path, scenes: Mapping[str, tuple[agvjax.Scenario, Sequen
     from .closer import write_page  # late: takes half a second to import
 
     write_page(folder / "runs.html", scenes)
-    return "[Look closer](runs.html): path, errors and commands of these runs and of the worst, to zoom into."
+    return "[Look closer](runs.html): path, errors and commands of the runs in this report, to zoom into."
 
 
 def made() -> str:

@@ -190,6 +190,7 @@ def test_bad_beliefs_are_refused_by_name(setting, key):
         load(["base"], [setting])
 
 
+@pytest.mark.slow
 def test_in_continuous_time_known_deadzones_are_no_longer_there():
     """The paper's law on its plant: with a sharp inverse of what is there it drives as without deadzones."""
     sharp = Inverse(believed=Scenario().deadzone, width=1e-3, quiet=0.0)

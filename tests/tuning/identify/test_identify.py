@@ -306,6 +306,7 @@ def test_the_prediction_is_that_of_the_simulator():
 # ---- a drive to record
 
 
+@pytest.mark.slow
 def test_a_suggested_drive_keeps_to_its_room_and_excites_every_side(tmp_path):
     out = tmp_path / "out"
     options = ("--set", "identify.drives=4", "--set", "identify.duration=20", "--quiet")

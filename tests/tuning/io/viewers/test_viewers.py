@@ -107,6 +107,7 @@ def test_numbers_that_are_not_finite_stay_what_they_are():
     assert np.flatnonzero(np.isnan(values)).tolist() == [3]
 
 
+@pytest.mark.slow
 def test_a_simulated_run_is_a_recording_that_can_be_identified_from(tmp_path):
     file = tmp_path / "run.mcap"
     arguments = ["simulate", "--config", "base", "--set", "simulate.horizon=3", "--out", str(tmp_path / "run")]

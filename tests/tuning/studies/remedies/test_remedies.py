@@ -94,6 +94,7 @@ def test_what_an_identified_inverse_wants_is_delivered(paper):
             np.testing.assert_allclose(own(sent["position"]), [right, left], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_without_a_deadzone_an_inverse_changes_nothing(paper):
     none = {name: agvjax.Deadzone() for name in paper.scenario.deadzone}
     draws = {n: d for n, d in paper.ensemble.draws.items() if not n.startswith("deadzone.")}
