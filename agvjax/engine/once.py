@@ -44,22 +44,34 @@ class Once:
         return self.known[key][0]
 
 
+def plain(primitive: core.Primitive) -> Callable[..., Scalar]:
+    """An operation on two numbers as it is."""
+    return lambda once, x, y: once.bind(primitive, {}, (x, y))
+
+
 def extreme(primitive: core.Primitive, beyond: core.Primitive) -> Callable[..., Scalar]:
-    """Max or min as a comparison and a choice; NaN on either side goes on as before.
+    """Max or min whose slope is that of the number chosen, by a comparison; NaN on either side goes on as before.
 
     JAX's own derivative asks which of both equals the result. The compiler may compute a number twice, rounded in two
-    ways, and then neither does: the slope would be 0, without a word. With a constant this is cheaper, too: XLA's asks
-    for NaN on either side.
+    ways, and then neither does: the slope would be 0, without a word. With a constant the value is a choice, too, which
+    is cheaper than XLA's, that asks for NaN on either side.
     """
+
+    @jax.custom_jvp
+    def chosen(x: jax.Array, y: jax.Array) -> jax.Array:
+        return primitive.bind(x, y)
+
+    @chosen.defjvp
+    def _(numbers: tuple[jax.Array, jax.Array], changes: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        return chosen(*numbers), lax.select(beyond.bind(*numbers), *changes)
 
     def bind(once: Once, x: Scalar, y: Scalar) -> Scalar:
         if isinstance(x, np.ndarray):
             x, y = y, x
         if isinstance(x, np.ndarray) or (isinstance(y, np.ndarray) and np.isnan(y)):
             return once.bind(primitive, {}, (x, y))
-        second = once.bind(beyond, {}, (y, x))
-        if not isinstance(y, np.ndarray):
-            second = once.bind(lax.or_p, {}, (second, once.bind(lax.ne_p, {}, (y, y))))
-        return once.bind(lax.select_n_p, {}, (second, x, y))
+        if isinstance(y, np.ndarray):
+            return once.bind(lax.select_n_p, {}, (once.bind(beyond, {}, (y, x)), x, y))
+        return once.bind(primitive, {}, (x, y), chosen if np.issubdtype(x.dtype, np.inexact) else None)
 
     return bind

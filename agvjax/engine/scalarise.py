@@ -19,7 +19,7 @@ from jax.extend import core
 from jaxtyping import PyTree
 
 from .elementary import exp_p
-from .once import Once, Scalar, extreme
+from .once import Once, Scalar, extreme, plain
 
 ELEMENTWISE = frozenset(
     "abs add add_any and atan2 ceil clamp convert_element_type copy cos cosh div eq exp exp2 expm1 floor ge gt "
@@ -67,14 +67,14 @@ def _each(function: Callable[..., Scalar], inputs: Sequence[Scalars]) -> Scalars
     return out
 
 
-def _reduce(primitive: core.Primitive, x: Scalars, axes: tuple[int, ...], once: Once) -> Scalars:
+def _reduce(combine: Callable[..., Scalar], x: Scalars, axes: tuple[int, ...], once: Once) -> Scalars:
     kept = [i for i in range(x.ndim) if i not in axes]
     x = np.transpose(x, [*kept, *axes]).reshape([x.shape[i] for i in kept] + [-1])
     out = np.empty(x.shape[:-1], object)
     for i in np.ndindex(out.shape):
         total = x[i][0]
         for term in x[i][1:]:
-            total = once.bind(primitive, {}, (total, term))
+            total = combine(once, total, term)
         out[i] = total
     return out
 
@@ -109,8 +109,8 @@ CHEAPER: dict[str, Callable[..., Scalar]] = {
     "max": extreme(lax.max_p, lax.gt_p),
     "min": extreme(lax.min_p, lax.lt_p),
 }
-REDUCTIONS = {"reduce_max": lax.max_p, "reduce_min": lax.min_p, "reduce_sum": lax.add_p}
-REDUCTIONS |= {"reduce_and": lax.and_p, "reduce_or": lax.or_p}
+REDUCTIONS = {"reduce_max": CHEAPER["max"], "reduce_min": CHEAPER["min"], "reduce_sum": plain(lax.add_p)}
+REDUCTIONS |= {"reduce_and": plain(lax.and_p), "reduce_or": plain(lax.or_p)}
 
 
 def _apply(equation: core.JaxprEqn, jaxpr: core.Jaxpr, inputs: list[Scalars], once: Once) -> list[Scalars]:

@@ -57,7 +57,7 @@ def _method(most: int = MOST, size: int = SIZE, spread: float | None = None) -> 
 
 
 def further(screen: Screen, seen: Screened, moving: np.ndarray, tick: Callable[[int, int], None]) -> Screened:
-    """A look with that of wide populations about the best so far and places of their own."""
+    """A look with that of wide populations, about its best set and places of their own."""
     method, found = _method(CLOSING, WIDE, REACH * float(np.log(screen.tuner.settings.spread))), []
     for about in places(screen, seen.places[0], moving):
         state = method.begin(jnp.asarray(about[moving]), 0)

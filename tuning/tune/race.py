@@ -19,7 +19,7 @@ from .tuner import Progress
 if TYPE_CHECKING:
     from .rounds import Run
 
-PLACES = 6  # far apart are tried where gradients are of no use or gain little
+PLACES, FEWER = 16, 6  # far apart are tried, of a later round's look; and of a further look, which has tried many
 RUNGS = (3, 6, 10, 15)  # iterations after which the better half of these goes on, and two to the end
 LITTLE = 0.1  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
 
@@ -89,7 +89,7 @@ def _gained(lead: Progress) -> float:
 
 
 def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], None]) -> Run | None:
-    """The run with searches from the further places of the screening, then with populations, then along slopes again.
+    """The run with searches from places of a further look, then with populations, then along slopes again.
 
     None where no other is worth it. After the first round the places are those of another look, about the gains that
     the round began with, and no population is drawn.
@@ -101,15 +101,15 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
     looked_further = seen.looked > 1 + screen.tuner.settings.screen
     if not run.round and (populations.drawn(searches[-1]) or looked_further):
         return _populations(run, seen, screen)
-    begun = seen.apart(problem.config.tune.starts)
-    if run.round and len(searches) == 1:
+    if not run.round:
+        begun, seen = seen.apart(problem.config.tune.starts), populations.further(screen, seen, run.moving, looking)
+        places = [z for z in seen.apart(FEWER) if not (z == begun).all(axis=1).any()]
+    elif len(searches) == 1:
         count = len(next(iter(run.added.values())))
         seen = screen.look(looking, np.asarray(searches[0].sound_z), count).after(seen)
-    elif run.round:
-        return None
+        places = seen.apart(PLACES)
     else:
-        seen = populations.further(screen, seen, run.moving, looking)
-    places = [z for z in seen.apart(PLACES) if run.round or not (z == begun).all(axis=1).any()]
+        return None
     further = (problem.tuner.begin(z, run.moving) for z in places)
     return run._replace(screened=seen, searches=(*searches, *further))
 

@@ -138,3 +138,27 @@ def test_the_screening_knows_the_ranks_that_the_tuner_has(monkeypatch):
     # effort e^k1 over the start's less 1, in mean and worst, beyond 5e-4; error e^-k1 over the start's
     np.testing.assert_allclose(excess, [0.0, 2 * (np.exp(0.1) - 1 - 5e-4), 0.0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(goal, np.exp([0.0, -0.1, 0.3]))
+
+
+HOLE, RADIUS = MIDDLE + np.array([1.6, -1.2]), 0.4
+
+
+def pitted(z, amplitude):
+    """A wide bowl about the start, whose slopes lead away from a small and deep hole."""
+    bowl = 1 + np.linalg.norm(z - MIDDLE, axis=-1)
+    error = np.where(np.linalg.norm(z - HOLE, axis=-1) < RADIUS, 0.1, bowl) + 0 * amplitude
+    return np.stack([error, np.ones_like(error)]), np.ones(error.shape, bool)
+
+
+def test_wide_populations_pass_through_a_hole_that_the_screening_missed(monkeypatch):
+    problem, _ = posed(monkeypatch, pitted)
+    seen, both = problem.screen.look(), np.ones(2, bool)
+    assert np.linalg.norm(seen.places - HOLE, axis=1).min() > RADIUS
+    found = populations.further(problem.screen, seen, both, lambda runs, sets: None)
+    more = populations.POPULATIONS * populations.WIDE * populations.CLOSING
+    assert (found.looked, found.rollouts) == (seen.looked + more, seen.rollouts + more)
+    assert len(found.places) == len(seen.places) + more and found.lost == 0
+    np.testing.assert_array_equal(found.ranks[:, 1], np.sort(found.ranks[:, 1]))
+    assert np.linalg.norm(found.apart(2) - HOLE, axis=1).min() < RADIUS
+    one = populations.further(problem.screen, seen, np.array([True, False]), lambda runs, sets: None)
+    assert set(one.places[:, 1]) <= {MIDDLE[1], *seen.places[:, 1]}
