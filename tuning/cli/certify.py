@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
 from agvjax import Fault, InputError
 
 from .. import config as configuration
+from ..compute import schedule
+from ..compute.jobs import WorkFailed
 from ..config.codecs import Toml
 from ..io import files
 from ..studies.certify import certify
 from ..studies.certify.page import write
 from ..studies.certify.rules import faults, moving
 from .axes import axis
-from .console import RunFailed
+from .console import RunFailed, failing
 from .folders import new_folder
 from .prepare import configure, warn
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Look for violations, then for a proof; write the certificate, the map and a report."""
+    if arguments.scheduler is not None:
+        schedule.checked(arguments.scheduler)
     config, console = configure(arguments, faults, _more(arguments), moving)
     out = new_folder(arguments.out, arguments.command, config)
     warn(console, config, "sweep", moving=moving(config))
     console.say("looking for violations of the bounds, then for a proof ...")
-    found = certify(config, console.note)
+    with failing((WorkFailed,)):
+        found = certify(config, console.note, partial(schedule.opened, arguments.scheduler, console.note))
     files.write(out / "config.toml", configuration.dump(config))
     told = write(config, found, out)
     console.conclude(told.text, f"written to {out}; begin with {out}/report.html")

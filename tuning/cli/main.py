@@ -91,6 +91,7 @@ CERTIFY = Command(
         option("--within", type=real, metavar="M", help="bound on the errors in x and y in m (default: 0.02)"),
         option("--within-heading", type=real, metavar="RAD", help="bound on that of the heading (default: 0.2)"),
         many("--over", "LEAF=LOW:HIGH", "a side of the box; *= for multiples of nominal (default: the tuning box)"),
+        SCHEDULER,
     ),
     "--within 0.02 --within-heading 0.2",
 )

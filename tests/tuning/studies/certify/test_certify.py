@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import pickle
 import subprocess
 import sys
 
@@ -17,8 +18,8 @@ from tuning.studies.certify import certify, checker
 from tuning.studies.certify.found import Seeker, late_errors, scenarios
 from tuning.studies.certify.page import write
 from tuning.studies.certify.problem import box, nominal
-from tuning.studies.certify.prove import LEANS, Prover, leaves
 from tuning.studies.certify.rules import faults, unproved
+from tuning.studies.certify.tree import LEANS, Prover, leaves
 
 SHORT = ["simulate.horizon=0.6", "criteria.late=0.4", "certify.within=0.2", "certify.within_heading=0.4"]
 SMALL = ["tune.search.scouts=16", "tune.search.starts=2", "tune.search.iterations=2"]
@@ -47,10 +48,9 @@ def simulated(config, values, **timing):
 )
 def test_no_simulated_scenario_leaves_a_bound_that_is_proved(law):
     config = load([], [f'controller="{law}"', *SHORT])
-    prover = Prover(config, {})
-    prover.claim = (9.0, 9.0, 9.0)
+    prover = Prover.of(config, {})._replace(claim=(9.0, 9.0, 9.0))
     ends = box(config, 0.2)
-    (leaf,) = leaves(prover.tree(ends))
+    (leaf,) = leaves(prover.tree(ends)[0])
     errors = simulated(config, inside(ends, 64, 0), dt=2e-3, n_steps=300)
     assert np.all(errors.max(axis=1) <= leaf["bounds"])
     assert np.all(errors.max(axis=1) >= 0.2 * np.asarray(leaf["bounds"]))  # and it is no bound of another kind
@@ -59,22 +59,43 @@ def test_no_simulated_scenario_leaves_a_bound_that_is_proved(law):
 @pytest.mark.slow
 def test_of_one_scenario_nearly_the_simulated_error_is_proved():
     config = load([], SHORT)
-    prover = Prover(config, {})
-    (leaf,) = leaves(prover.tree(box(config, 0.0)))
+    (leaf,) = leaves(Prover.of(config, {}).tree(box(config, 0.0))[0])
     values = {name: jnp.asarray([value]) for name, value in nominal(config).items()}
     errors = simulated(config, values, dt=1e-3, n_steps=600)[:, 0]
     assert np.all(errors <= leaf["bounds"]) and np.all(leaf["bounds"] <= 1.6 * errors + 2e-3)
 
 
-def test_a_box_that_is_too_large_is_split_where_the_gradient_says():
-    config = load([], [*SHORT, "certify.boxes=4"])
-    prover = Prover(config, {"start.heading": 1.0, "start.position[0]": 0.1})
-    ends = box(config, 0.3)
+class Elsewhere:
+    """Workers that were sent everything, the last asked first."""
+
+    def each(self, jobs, numbers):
+        prepare, about = pickle.loads(pickle.dumps((jobs.prepare, jobs.about)))
+        return ((number, prepare(about)(number)) for number in reversed(numbers))
+
+
+@pytest.fixture(scope="module")
+def split():
+    """A prover that has to split a box, and the box."""
+    config = load([], [*SHORT, "certify.boxes=8"])
+    prover, ends = Prover.of(config, {"start.heading": 1.0, "start.position[0]": 0.1}), box(config, 0.3)
     whole = [prover.problem.bounds(checker.Box(ends), (0.7, 0.815, lean))[2] for lean in LEANS]
-    prover.claim = (9.0, 9.0, 0.99 * min(whole))
-    tree = prover.tree(ends)
-    assert tree["split"] == "start.heading" and 2 <= len(leaves(tree)) <= 4
+    return prover._replace(claim=(9.0, 9.0, 0.97 * min(whole))), ends
+
+
+def test_a_box_that_is_too_large_is_split_where_the_gradient_says(split):
+    prover, ends = split
+    tree, _ = prover.tree(ends)
+    assert tree["split"] == "start.heading" and 2 <= len(leaves(tree)) <= 8
     assert all(part["bounds"][2] <= prover.claim[2] for part in leaves(tree))
+
+
+def test_a_tree_is_the_same_whoever_looks_at_its_parts(split):
+    prover, ends = split
+    tree, why = prover.tree(ends, Elsewhere())
+    assert (tree, why) == prover.tree(ends) and tree["split"]
+    hard = prover._replace(claim=(9.0, 9.0, 0.8 * prover.claim[2]))
+    tree, why = hard.tree(ends, Elsewhere())
+    assert tree is None and "the error in heading is bounded by" in why and why == hard.tree(ends)[1]
 
 
 def test_the_box_of_a_share_is_that_share_of_the_way_to_either_end():
@@ -145,6 +166,18 @@ def test_the_command_writes_a_certificate_that_the_checker_accepts(tmp_path):
     assert done.returncode == 0 and done.stdout.startswith("proved, in 1 box: |x| <= 0.2 m"), done
     _, said = run(["certify", "--out", str(tmp_path / "none"), "--set", 'controller="asmc"', *settings], code=1)
     assert "Nothing can be proved of this loop: ASMC" in said
+
+
+@pytest.mark.slow
+def test_workers_write_the_same_certificate(tmp_path):
+    pytest.importorskip("distributed")
+    settings = [x for s in (*SHORT, *SMALL, "certify.halvings=2", "certify.within_heading=0.3") for x in ("--set", s)]
+    for name, more in (("here", []), ("there", ["--scheduler", "local:2"])):
+        run(["certify", "--out", str(tmp_path / name), *settings, *more], code=1)
+    here, there = (json.loads((tmp_path / name / "certificate.json").read_text()) for name in ("here", "there"))
+    assert here == there and "split" in here["tree"]
+    _, said = run(["certify", "--out", str(tmp_path / "nobody"), *settings, "--scheduler", "tcp://127.0.0.1:9"], code=1)
+    assert "no scheduler answers" in said and files_of(tmp_path / "nobody") == []
 
 
 @pytest.mark.parametrize("searched, within, where", [(0.5, 9.0, "a little beyond 0.5"), (4.0, 1e-3, "at the nominal")])

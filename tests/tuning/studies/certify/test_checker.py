@@ -17,8 +17,9 @@ import agvjax
 from tuning.config import load
 from tuning.studies.certify import certify, checker
 from tuning.studies.certify.problem import box, problem
-from tuning.studies.certify.prove import Prover, certificate
+from tuning.studies.certify.prove import certificate
 from tuning.studies.certify.rules import unproved
+from tuning.studies.certify.tree import Prover
 from tuning.studies.paper.bounds import peak_gain
 
 SOURCE = Path(checker.__file__).read_text()
@@ -37,10 +38,10 @@ SHORT = [
 def made():
     """A certificate of the paper's loop over a small box, in two parts."""
     config = load([], [*SHORT, "certify.boxes=2"])
-    prover = Prover(config, {"deadzone.heading.threshold_right": 1.0})
+    prover = Prover.of(config, {"deadzone.heading.threshold_right": 1.0})
     ends = box(config, 0.05)
     halves = checker.Box(ends).halves("start.heading", 0.1)
-    below, above = (prover.tree(half.intervals) for half in halves)
+    below, above = (prover.tree(half.intervals)[0] for half in halves)
     tree = {"split": "start.heading", "at": 0.1, "below": below, "above": above}
     return certificate(prover.claim, prover.problem.numbers, ends, tree)
 
