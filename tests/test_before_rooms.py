@@ -87,7 +87,8 @@ def test_a_tuning_that_was_interrupted_ends_where_the_old_code_ended(end, tmp_pa
         same(numbers(new), numbers(old), 5)
 
 
-@pytest.mark.parametrize(("sweep", "index"), [("sweep", 7), pytest.param("sweep-vehicle", 11, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("sweep", "index"), [("sweep", 7), ("sweep-vehicle", 11)])
 def test_a_scenario_of_an_old_sweep_rolls_out_to_the_same_run(sweep, index, tmp_path):
     old, out = OLD / "simulate-from" / f"{sweep}-{index}", tmp_path / "run"
     timing = ["simulate.dt=0.01", "simulate.save_every=20"]
@@ -116,6 +117,7 @@ def test_an_old_sweep_is_loaded_and_completed_to_the_same_findings(sweep, tmp_pa
     same(*findings, 10)
 
 
+@pytest.mark.slow
 def test_a_sweep_half_done_by_claims_goes_on_without_them(tmp_path):
     old, out = ROOT / "tests" / "data" / "shared-sweep", tmp_path / "run"
     shutil.copytree(old / "half", out)

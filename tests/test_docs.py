@@ -133,7 +133,8 @@ def drive(file):
     logged(file, run, omni.WHEELS)
 
 
-@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("quick", [True, False])
 def test_the_commands_of_the_recipes_run(quick, here):
     """Nothing but the files of the page is there: a law or a plant of one's own needs no other file touched."""
     lines = [line for line in commands() if ("simulate" in line) == quick]

@@ -62,6 +62,7 @@ def test_event_trigger_sends_what_a_law_with_memory_asks_for():
     np.testing.assert_array_equal(run.limited, np.arange(1, 12) > 5)  # whatever is sent, the inner law counts on
 
 
+@pytest.mark.slow
 def test_event_trigger_and_fractional_integral_may_be_put_around_in_either_order():
     one = EventTriggered(inner=FractionalBackstepping(), m=0.5)
     other = FractionalBackstepping(inner=EventTriggered(m=0.5))

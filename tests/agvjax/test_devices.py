@@ -80,7 +80,13 @@ def test_a_second_call_says_that_the_options_are_set():
     [
         ("devices=3", {}, 3, "fast compiler options set"),
         ("", {"JAX_NUM_CPU_DEVICES": "2"}, 2, "fast compiler options set"),
-        ("", {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}, 4, "fast compiler options set"),
+        pytest.param(
+            "",
+            {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"},
+            4,
+            "fast compiler options set",
+            marks=pytest.mark.slow,
+        ),
         ("devices=1", {"XLA_FLAGS": OWN}, 1, "already holds backend options"),
     ],
 )

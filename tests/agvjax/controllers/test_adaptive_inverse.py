@@ -99,6 +99,7 @@ def errors(noise, drawn=False):
     return np.max(np.abs(last / np.stack(truth) - 1), axis=(1, 2))
 
 
+@pytest.mark.slow
 def test_beliefs_half_wrong_come_to_the_truth_within_a_minute():
     found = errors(0.0)
     assert np.mean(found < 0.1) >= 0.9 and np.median(found) < 0.03

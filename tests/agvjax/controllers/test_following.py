@@ -210,11 +210,11 @@ def test_a_vehicle_that_is_asked_for_less_than_its_deadzone_stands_and_never_fin
 # ---------------------------------------------------------------------------------------------------------- its branch
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(56, marks=pytest.mark.slow)])
-def test_no_gains_make_a_run_take_the_other_branch_at_the_crossing(count):
+@pytest.mark.slow
+def test_no_gains_make_a_run_take_the_other_branch_at_the_crossing():
     path = Dumbbell(amplitude=2.0, omega=0.15)
     route = Route.along(path)
-    length = float(route.length)
+    length, count = float(route.length), 56
     random = np.random.default_rng(5)
     along = np.arctan2(1, 2)
     draws = {

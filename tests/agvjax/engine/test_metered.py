@@ -24,7 +24,7 @@ def along_a_route():
     return law, Scenario.of(base, path=route)
 
 
-@pytest.mark.parametrize("loop", [with_memory, along_a_route])
+@pytest.mark.parametrize("loop", [with_memory, pytest.param(along_a_route, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(  # 2 looks, 100, 302 in 303, 6499 in 6552
     "n_steps", [*(pytest.param(n, marks=pytest.mark.slow) for n in (1, 99, 301)), 6498]
 )

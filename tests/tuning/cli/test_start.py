@@ -1,5 +1,7 @@
 """What a command has imported by when: libraries that it does not need yet are what a user would wait for."""
 
+import pytest
+
 from commands import FAST, SHORT_TUNE, arguments, python, run
 from tuning.cli.main import COMMANDS
 
@@ -39,6 +41,7 @@ main(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_jax_has_started_is_as_quiet_as_any_other():
     """JAX sets the level to 1 for itself, and children inherit it: of each program kept they then print kilobytes."""
     level = "import os, tuning.cli.main as m; m.main(['explain', 'seed']); print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"

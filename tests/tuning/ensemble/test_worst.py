@@ -163,6 +163,7 @@ def test_the_worst_after_the_loop_is_no_worse_than_without_it(solved):
     assert worst <= 1.01 * without
 
 
+@pytest.mark.slow
 def test_what_was_added_counts_in_no_mean(solved):
     tuner = solved.problem.tuner
     values, ok = (np.asarray(x) for x in tuner.push(solved.progress.best_z, tuner.scenarios())[:2])

@@ -439,7 +439,7 @@ def test_c_drives_as_the_simulator_does(limited, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in ("computer", "learning") else []) for n in LAWS]
+    "name", [pytest.param(n, marks=[] if n in ("limited", "paper", "stateless") else [pytest.mark.slow]) for n in LAWS]
 )
 def test_numpy_agrees_and_imports_nothing_else(name, exported):
     law = exported(name).controller

@@ -153,6 +153,7 @@ def found(tmp_path_factory):
     return out, identified(out, written(folder / "log.csv", rows), *UNICYCLE, *ONE_START)
 
 
+@pytest.mark.slow
 def test_a_minute_tells_every_number_of_a_vehicle(found):
     true, told = truth(1), found[1]["parameters"]
     assert sum(e["identified"] for e in told.values()) >= 20
@@ -160,6 +161,7 @@ def test_a_minute_tells_every_number_of_a_vehicle(found):
     assert len(outside(true, told)) <= 3, outside(true, told)  # of 21 intervals of 95 %
 
 
+@pytest.mark.slow
 def test_gaps_outliers_and_missing_measurements_are_counted(found):
     counts = found[1]["counts"]
     assert counts["gaps"] == 2 and 195 < counts["blank"] <= 200
@@ -167,11 +169,13 @@ def test_gaps_outliers_and_missing_measurements_are_counted(found):
     assert abs(found[1]["noise"]["x"] / 2e-3 - 1) < 0.1 and abs(found[1]["noise"]["vx"] / 4e-3 - 1) < 0.1
 
 
+@pytest.mark.slow
 def test_the_bootstrap_agrees_with_the_covariance_where_the_model_is_right(found):
     ratios = [e["bootstrap"] / e["gauss_newton"] for e in found[1]["parameters"].values() if e["identified"]]
     assert 0.75 < np.median(ratios) < 1.25 and min(ratios) > 0.4
 
 
+@pytest.mark.slow
 def test_the_ensemble_is_the_posterior(found):
     """Draws have the deviations and correlations that the report states, through the file that tuning reads."""
     config, told = configuration.load([str(found[0] / "scenario.toml")], []), found[1]

@@ -281,6 +281,7 @@ print(np.array_equal(*levels))
 """
 
 
+@pytest.mark.slow
 def test_every_core_has_a_block_and_results_hang_on_no_number_of_them():
     assert python(SIX, JAX_NUM_CPU_DEVICES="6") == "True\n"
 

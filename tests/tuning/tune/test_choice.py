@@ -142,6 +142,7 @@ def test_a_promise_is_what_the_linear_problem_gains_by_one_more_number():
     np.testing.assert_allclose(promises(tuner, tuner.begin(moving=first), first)[2], 0.0125 / 0.9, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_does_nothing_is_left_and_what_pays_is_tuned_after_the_laws_own():
     problem = pose(shy())
     outcome = solve(problem)

@@ -43,6 +43,7 @@ def effort_over(outcome):
     return after / (1.1 * before)
 
 
+@pytest.mark.slow
 def test_a_limit_that_fails_at_the_finer_step_is_met_in_the_end(monkeypatch):
     outcome = solve(pose(coarse()))
     tightened = outcome.run.tightened

@@ -171,6 +171,7 @@ def rocking(**gains):
     )
 
 
+@pytest.mark.slow
 def test_a_law_that_loses_every_run_is_tuned_all_the_same_and_goes_on_where_it_stood(tmp_path):
     """With a damping beyond 2/dt Euler's step makes the speed grow, whatever the vehicle."""
     posed = pose(rocking(stiffness=4000.0, damping=1000.0))  # Euler: 1 - 5 ms 1000/s = -4 a step

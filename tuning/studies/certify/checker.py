@@ -553,9 +553,10 @@ class Problem:
         wave = times(box.leaf("disturbance.amplitude", self.cells), form(self.wave[0], self.wave[1]))
         own = [pair for leaf, pair in box.intervals.items() if "position" not in leaf and "velocity" not in leaf]
         key = (*own, slopes[1], lean)  # all that the heading depends on
-        if key not in self.turns:
-            self.turns = {key: self._heading(box, turn, feed, slopes[1], wave, lean)}  # the last one
-        Z3, yaw = self.turns[key]
+        turns = self.turns  # which another thread may replace meanwhile
+        if key not in turns:
+            turns = self.turns = {key: self._heading(box, turn, feed, slopes[1], wave, lean)}  # the last one
+        Z3, yaw = turns[key]
         Zx, Zy = self._position(box, axis, feed, slopes[0], wave, yaw, lean)
         return [float(size(Z)[self.late :].max()) for Z in (Zx, Zy, Z3)]
 

@@ -44,10 +44,11 @@ def fetched(address):
         return answer.read()
 
 
-def asked_by(origin, port):
-    """The answer to a page of an origin that opens a connection for sliders and curves."""
+def asked_by(origin, port, token):
+    """The answer to a page of an origin that opens a connection for sliders and curves, with a token of the server."""
     upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Origin": origin}
     upgrade |= {"Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
+    upgrade |= {"Sec-WebSocket-Protocol": f"bokeh, {token}"}
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=commands.HUNG)) as line:
         line.request("GET", "/ws", headers=upgrade)
         return line.getresponse().status
@@ -61,8 +62,10 @@ def test_it_is_served_here_alone_without_a_network_and_ends_on_ctrl_c(tmp_path):
         assert scripts and all(name.startswith("/static/") for name in scripts)
         for name in scripts:
             assert len(fetched(address + name[1:])) > 1000
-        assert asked_by("http://elsewhere.example", port) == 403  # another page may not talk to it
-        assert asked_by(address.rstrip("/"), port) == 101
+        (token,) = re.findall(r'"token":"([^"]+)"', page)
+        assert asked_by("http://elsewhere.example", port, token) == 403  # another page may not talk to it
+        assert asked_by(address.rstrip("/"), port, token) == 101
+        time.sleep(0.5)  # or Ctrl-C comes before it could have failed
         with pytest.raises(OSError):  # another address of the same computer
             socket.create_connection(("127.0.0.2", port), timeout=5)
         process.send_signal(signal.SIGINT)

@@ -354,6 +354,7 @@ def test_the_papers_own_scenario(reports):
     assert max(reached) > 0.7  # a disturbance that switches uses most of what the heading's bound allows
 
 
+@pytest.mark.slow
 def test_bounds_hold_where_the_network_matters(batch, roll):
     """At b1 = b2 = 0.1 the network is stronger than the gains beside it."""
     strong = NeuroBackstepping(b1=0.1, b2=0.1)

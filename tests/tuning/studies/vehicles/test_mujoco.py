@@ -260,9 +260,8 @@ def dead(slope_right, slope_left, right, left):
     return lambda c: slope_right * max(c - right, 0.0) + slope_left * min(c + left, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("lag", "ramp", "turn"), [(0.15, 1.0, 0.5), pytest.param(0.08, 0.6, 1.5, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("lag", "ramp", "turn"), [(0.15, 1.0, 0.5), (0.08, 0.6, 1.5)])
 def test_a_base_is_what_a_robot_with_speed_loops_is(lag, ramp, turn):
     """Within 5 mm and 10 mrad after 3.7 m and up to 3 rad of turning: what speed loops and rolling lose."""
     numbers = {"left": (0.95, 0.9, 0.06, 0.04), "right": (1.0, 0.85, 0.03, 0.09)}
