@@ -151,6 +151,7 @@ def test_value_and_gradient_of_many_numbers_are_taken_backwards(monkeypatch):
     assert value == 5.0 and other == 1.0
 
 
+@pytest.mark.slow
 def test_value_and_gradient_of_a_controller_is_a_controller():
     law = agvjax.check(agvjax.NeuroBackstepping())
 

@@ -109,6 +109,7 @@ def carrots(pursuit, way, arcs, positions, looks):
     return jax.vmap(one)(arcs, positions, looks)
 
 
+@pytest.mark.slow
 def test_the_carrot():
     """But for vehicles farther away than the look-ahead, where Nav2 takes the nearest pose and we the nearest point."""
     some = steps(lambda case, step: along(case))

@@ -697,6 +697,7 @@ def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
     assert (tmp_path / "out" / "trajectory.npz").exists()
 
 
+@pytest.mark.slow
 def test_letters_that_an_encoding_lacks_are_spelled(tmp_path):
     said, _ = run(arguments("simulate", tmp_path / "é", FAST), PYTHONIOENCODING="ascii")
     assert "/\\xe9" in said

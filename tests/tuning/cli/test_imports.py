@@ -54,6 +54,7 @@ def test_the_run_names_the_file_and_is_repeated_with_it_only(simulated, tmp_path
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_a_sweep_of_ones_own_is_rolled_out_again(tmp_path):
     more = ["--over", "start.position[0]=-1:1:3", "--controller", "osfc", "--import", str(OWN), "--quiet"]
     assert main([*arguments("sweep", tmp_path / "swept", SETTINGS), *more]) == 0

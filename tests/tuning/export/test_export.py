@@ -405,6 +405,7 @@ def simulated():
     return np.asarray(run.position)[:-1]
 
 
+@pytest.mark.slow
 def test_numpy_drives_as_the_simulator_does(limited):
     controller = numpy_controller(limited)
     places = drive(lambda m, r: controller.step(plain(m), plain(r)), LIMITED, SCENE, 300)

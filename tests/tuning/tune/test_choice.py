@@ -166,6 +166,7 @@ def test_what_does_nothing_is_left_and_what_pays_is_tuned_after_the_laws_own():
     assert "idle" in table and "yes" not in table["idle"]
 
 
+@pytest.mark.slow
 def test_all_are_let_go_at_once_after_the_laws_own():
     outcome = solve(pose(shy(gains="all", iterations=4)))
     assert [p.moving.sum() for p in outcome.run.searches] == [1, 5]

@@ -75,6 +75,7 @@ def test_it_is_served_here_alone_without_a_network_and_ends_on_ctrl_c(tmp_path):
     assert commands.files_of(tmp_path / "out") == []
 
 
+@pytest.mark.slow
 def test_a_key_on_a_slider_redraws_in_chromium(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(commands.ROOT))
     from benchmarks import browser, explore

@@ -336,6 +336,7 @@ def test_corrected_bounds_hold_where_the_printed_are_vacuous(reports):
         assert r.corrected[1] == r.heading[r.won[1]] == min(r.heading.values())
 
 
+@pytest.mark.slow
 def test_the_printed_bound_is_vacuous_in_every_scenario(batch, runs):
     """(50): b1^2/2 alone over a1 = 0.001 makes it 31.6 m, whatever the network fits."""
     for since in (0.0, bounds.LATE):

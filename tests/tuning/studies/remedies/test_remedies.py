@@ -34,6 +34,7 @@ def paper():
     return load([], FAST, faults)
 
 
+@pytest.mark.slow
 def test_the_remedies_of_the_papers_law_and_of_one_that_follows_a_route(paper, base):
     mine, routed = Study(paper).remedies, Study(base).remedies
     assert set(mine.found) | set(mine.left_out) == set(LABELS)
