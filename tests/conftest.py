@@ -19,7 +19,6 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 PLAIN = "--xla_cpu_use_fusion_emitters=false"  # the compiler's older and quicker way; known to jaxlib 0.8 to 0.10
 OLDER = (0, 8) <= tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10)
-LITTLE = "jax_disable_most_optimizations"
 
 
 def pytest_configure(config):
@@ -28,21 +27,7 @@ def pytest_configure(config):
         return
     if OLDER:
         os.environ["XLA_FLAGS"] = PLAIN
-    jax.config.update(LITTLE, True)
-
-
-@pytest.fixture(scope="module")
-def optimised():
-    """For tests that compute longer than they compile."""
-    before = jax.config.values[LITTLE]
-    _compiled_anew(False)
-    yield
-    _compiled_anew(before)
-
-
-def _compiled_anew(little):
-    jax.clear_caches()  # a program that is there already would stay as it was compiled
-    jax.config.update(LITTLE, little)
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 MAPS = Path("/proc/self/maps")

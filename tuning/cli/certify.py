@@ -7,11 +7,9 @@ from functools import partial
 
 from agvjax import Fault, InputError
 
-from .. import config as configuration
 from ..compute import schedule
 from ..compute.jobs import WorkFailed
 from ..config.codecs import Toml
-from ..io import files
 from ..studies.certify import certify
 from ..studies.certify.page import write
 from ..studies.certify.rules import faults, moving
@@ -31,7 +29,6 @@ def run(arguments: argparse.Namespace) -> int:
     console.say("looking for violations of the bounds, then for a proof ...")
     with failing((WorkFailed,)):
         found = certify(config, console.note, partial(schedule.opened, arguments.scheduler, console.note))
-    files.write(out / "config.toml", configuration.dump(config))
     told = write(config, found, out)
     console.conclude(told.text, f"written to {out}; begin with {out}/report.html")
     if told.failure:

@@ -30,8 +30,6 @@ from tuning.identify.segments import Segments, cut, noise
 from tuning.io.csv_file import Column
 from tuning.tune import rules as tune_rules
 
-pytestmark = pytest.mark.usefixtures("optimised")
-
 LOGS = ROOT / "notebooks" / "logs"
 COLUMNS = ("t", "x", "y", "heading", "vx", "vy", "acceleration", "yaw_acceleration")
 PARTS = ("slope_right", "slope_left", "threshold_right", "threshold_left")

@@ -12,6 +12,7 @@ from ...config.settings import Config
 from . import checker
 from .problem import Ends, Numbers, box, problem
 
+Place = tuple[Numbers, str]  # in a tree: a node, and which of its sides
 Steep = Mapping[str, float]  # by leaf, how much the worst error grows over the whole side of the box
 LEANS = (0.3, 9.0)  # how much less a tube counts what comes from the unknowns than what is only bounded
 
@@ -68,20 +69,13 @@ class Prover(NamedTuple):
         In rounds: each of the parts of a round is followed down to one leaf, and what is left beside the way are the
         parts of the next. Which round fails, and by which part, does not hang on who is first.
         """
-        engine = engine or Here()
-        root: Numbers = {}
-        parts, places = [Part(ends, self.most)], [(root, "tree")]
-        while parts:
-            ways, why = self._round(parts, engine)
+        engine, root = engine or Here(), {}
+        left: list[tuple[Part, Place]] = [(Part(ends, self.most), (root, "tree"))]
+        while left:
+            ways, why = self._round([part for part, _ in left], engine)
             if why:
                 return None, why
-            following: list[Part] = []
-            left: list[tuple[Numbers, str]] = []
-            for way, place in zip(ways, places, strict=True):
-                for part, where in _hung(way, place):
-                    following.append(part)
-                    left.append(where)
-            parts, places = following, left
+            left = [more for way, (_, place) in zip(ways, left, strict=True) for more in _hung(way, place)]
         return root["tree"], ""
 
     def _round(self, parts: Sequence[Part], engine: Engine) -> tuple[list[Numbers], str]:
@@ -159,7 +153,7 @@ def _problem(numbers: str) -> checker.Problem:
     return checker.Problem(json.loads(numbers))
 
 
-def _hung(way: Numbers, place: tuple[Numbers, str]) -> list[tuple[Part, tuple[Numbers, str]]]:
+def _hung(way: Numbers, place: Place) -> list[tuple[Part, Place]]:
     """Put a way into the tree; the parts left beside it, the smallest first, each with its place there."""
     node, key = place
     beside = []
