@@ -69,8 +69,10 @@ types: $(VENV)/.installed-dev ## pyright
 docs: $(VENV)/.installed-dev ## the documentation as a site, build/site/index.html; warnings are errors
 	$(BIN)/python -m mkdocs --quiet build --strict
 
+# Once in a while the client misses that a cell is done, and looks again only when the time of a cell is over: 150 s here,
+# by default 300 (pyzmq 27.3, jupyter_client 8.10, 2026-11-30).
 notebooks: $(VENV)/.installed-dev ## run every notebook from start to end
-	$(BIN)/pytest --nbmake -n $(JOBS) notebooks/
+	$(BIN)/pytest --nbmake --nbmake-timeout=150 -n $(JOBS) notebooks/
 
 format: $(VENV)/.installed-dev ## mend what ruff and nbstripout can mend by themselves
 	$(BIN)/ruff check --fix --exit-zero --quiet

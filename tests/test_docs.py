@@ -66,7 +66,7 @@ def here(folder, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/extending.md", pytest.param("docs/python.md", marks=pytest.mark.slow)]
+    "page", ["docs/extending.md", *(pytest.param(p, marks=pytest.mark.slow) for p in ("README.md", "docs/python.md"))]
 )
 def test_an_example_in_python_runs(page, here, capsys):
     examples = [body for body in blocks(page, "python") if not NAME.match(body)]

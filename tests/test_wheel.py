@@ -49,6 +49,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
     assert {"py", "typed", "toml", "txt", "xml"} <= kinds  # presets, files of the exports, the robot
 
 
+@pytest.mark.slow
 def test_the_installed_wheel_runs_away_from_the_source_tree(wheel, tmp_path):
     home = tmp_path / "installed"
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps"]

@@ -16,9 +16,8 @@ VALUES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("dtype", "tolerance"), [(jnp.float64, 1e-12), pytest.param(jnp.float32, 1e-5, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("dtype", "tolerance"), [(jnp.float64, 1e-12), (jnp.float32, 1e-5)])
 def test_rows_of_a_mapped_simulation_are_single_runs(dtype, tolerance):
     many, controller = batch(Scenario(), VALUES), NeuroBackstepping()
     run = functools.partial(simulate, n_steps=500, dtype=dtype)

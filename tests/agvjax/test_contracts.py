@@ -127,7 +127,9 @@ def scene(kind, part):
     return NeuroBackstepping(), dataclasses.replace(Scenario(), **{field: value})
 
 
-@pytest.mark.parametrize("kind", OLD)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind in ("Law", "Element") else pytest.mark.slow) for kind in OLD]
+)
 def test_a_class_that_names_no_base_is_given_one_and_told_so(kind):
     without, derived = of_a_base(kind, OLD[kind])
     assert issubclass(without, getattr(agvjax, kind))

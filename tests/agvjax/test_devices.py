@@ -146,6 +146,7 @@ print(len(seen), *(str(one.message) for one in seen))
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_runs_slowly_is_told_so_once():
     late = SLOW.replace("sys.argv", "['started']")
     said = python(late, AGVJAX_XLA="", JAX_PLATFORMS="cpu")

@@ -126,6 +126,7 @@ def test_a_route_that_comes_to_rest_does_not_stop_at_once(stop):
     assert said == ([] if stop else ["the path ends after 2 s of 12 s: it stops at once from 1 m/s"])
 
 
+@pytest.mark.slow
 def test_the_command_line_says_it_before_the_run(tmp_path, capsys):
     settings = ["scenario.plant=unicycle", "scenario.actuators.acceleration.saturation.upper=0.2", "simulate.horizon=3"]
     assert cli.main(arguments("simulate", tmp_path / "run", [*settings, "simulate.save_every=100"])) == 0

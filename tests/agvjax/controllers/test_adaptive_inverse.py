@@ -121,6 +121,7 @@ ZONES = {name: Deadzone(slope_right=0.95, slope_left=0.9, threshold_right=0.06, 
 ZONES = dict(zip(("left", "right"), ZONES.values(), strict=True))
 
 
+@pytest.mark.slow
 def test_on_a_straight_line_an_hour_teaches_what_is_delivered_and_no_more():
     sensor = Noise(position=0.0, velocity=0.001, heading=0.0, yaw_rate=0.002)
     law, scenario = loop(ZONES, 1.3, 1.3, sensor, straight=True)

@@ -92,6 +92,7 @@ def test_a_limit_takes_back_what_is_believed_to_be_lost_and_no_more():
     np.testing.assert_allclose(done.law, [3.0 - 2.4, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_asked_for_a_speed_drives_it():
     scenario = load(["base"]).scenario
     law = load(["base"]).controller

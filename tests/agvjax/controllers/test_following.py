@@ -170,6 +170,7 @@ def by_hand(run, line_of, horizon, late):
     }
 
 
+@pytest.mark.slow
 def test_metrics_are_those_of_the_trajectory(rectangle):
     limits = SpeedLimits(acceleration=0.4, deceleration=0.3, lateral_acceleration=0.5)
     route = Route.corners([[0, 0], [5, 0], [5, 3]], 0.8, radius=1.0, half_width=0.15, limits=limits)

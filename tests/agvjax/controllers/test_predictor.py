@@ -60,6 +60,7 @@ def test_a_base_is_where_scipy_says_it_will_be(delay):
     np.testing.assert_allclose([along, got.yaw_rate], [(x[3] + x[4]) / 2, (x[4] - x[3]) / 0.5 + 0.02], atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_late_vehicle_with_a_right_belief_drives_as_one_that_is_not_late():
     """The law of a late vehicle sees at t what that of a prompt one sees at t + delay, a delay of whole periods."""
     plant, delay = agvjax.Unicycle(), 0.1

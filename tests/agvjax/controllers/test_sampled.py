@@ -140,7 +140,8 @@ def test_the_law_by_euler_diverges_at_20_ms_and_stepped_exactly_stays_within_a_c
     assert error[4000:].max() < 0.01
 
 
-@pytest.mark.parametrize("euler", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("euler", [False, True])
 def test_a_shorter_period_tends_to_the_continuous_law(euler):
     scenario = Scenario.of(Unicycle())
     exact = agvjax.simulate(NeuroBackstepping(), scenario, dt=2e-4, n_steps=2500).position[-1]
@@ -175,6 +176,7 @@ def test_without_anti_windup_the_same_gains_are_lost_from_three_metres():
     assert error["without"][6000:].max() > 0.5
 
 
+@pytest.mark.slow
 def test_noise_is_drawn_at_the_instants_of_the_law_and_its_size_is_the_one_asked_for():
     scenario = Scenario.of(Unicycle(), sensor=Noise(position=0.01, velocity=0.0, seed=3.0))
     law = Sampled(vehicle=Unicycle(), period=0.02)

@@ -144,9 +144,7 @@ READINGS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in ("swapped bearing", "tangent") else pytest.mark.slow) for n in READINGS]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == "tangent" else pytest.mark.slow) for n in READINGS])
 def test_reading_agrees_with_the_reference_to_rounding(name):
     controller, scenario, reading, *steps = READINGS[name]
     dt, n_steps = steps or (2e-3, 1000)
@@ -240,7 +238,8 @@ def test_float32_follows_the_float64_reference(lap):
     np.testing.assert_allclose(packed(run)[:, :5], lap[1][:1001, :5], rtol=0, atol=1e-4)
 
 
-@pytest.mark.parametrize("save_every", [130, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 390))])
+@pytest.mark.slow
+@pytest.mark.parametrize("save_every", [3, 130, 390])
 def test_saving_less_often_gives_the_same_samples(save_every):
     p, n_steps = Parameters(), 390  # no multiple of the 100 steps that are tabulated together
     run = simulate(NeuroBackstepping(), Scenario(), n_steps=n_steps, save_every=save_every)

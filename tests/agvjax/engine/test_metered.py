@@ -24,10 +24,9 @@ def along_a_route():
     return law, Scenario.of(base, path=route)
 
 
-@pytest.mark.parametrize("loop", [with_memory, pytest.param(along_a_route, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(  # 2 looks, 100, 302 in 303, 6499 in 6552
-    "n_steps", [*(pytest.param(n, marks=pytest.mark.slow) for n in (1, 99, 301)), 6498]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", [with_memory, along_a_route])
+@pytest.mark.parametrize("n_steps", [1, 99, 301, 6498])  # 2 looks, 100, 302 in 303, 6499 in 6552
 def test_metrics_are_those_of_the_trajectory(loop, n_steps):
     law, scenario = loop()
     timing = {"dt": 0.01, "n_steps": n_steps}

@@ -116,6 +116,7 @@ def test_simulate_writes_metrics_configuration_and_figures(simulated):
     assert str(out) in said and "rmse" in said and "not settled" in said
 
 
+@pytest.mark.slow
 def test_the_configuration_read_back_gives_itself_byte_by_byte(simulated, tmp_path):
     before = simulated[0] / "config.toml"
     out = tmp_path / "again"
@@ -127,6 +128,7 @@ def test_the_configuration_read_back_gives_itself_byte_by_byte(simulated, tmp_pa
             np.testing.assert_array_equal(new[name], old[name])
 
 
+@pytest.mark.slow
 def test_later_settings_win_and_options_beat_them_all(tmp_path):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     first.write_text("seed = 3\nprecision = 64\n[controller]\nk1 = 21\nk3 = 13\n[scenario]\npath = 'circle'\n")
@@ -210,6 +212,7 @@ def test_the_gains_are_the_best_of_the_history_and_the_rest_is_untouched(tuned):
     assert {name: gains[name] for name in kept} == kept
 
 
+@pytest.mark.slow
 def test_the_gains_are_settings_for_simulate(tuned, tmp_path):
     out = tmp_path / "out"
     run(arguments("simulate", out, FAST, "--config", tuned[0] / "gains.toml"))
@@ -447,11 +450,13 @@ def test_processes_that_do_not_know_each_other_are_refused(refused, tmp_path):
     refused([*argv, "--num-processes", "2", "--process-id", "2"], "from 0 to 1")
 
 
-def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
+SWEEP = ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]
+OVER = ["--over", f"{RIGHT}=0:1:3", "--over", "start.heading=0,0.2"]
+
+
+def test_a_sweep_is_written(tmp_path):
     out = tmp_path / "sweep"
-    over = ["--over", f"{RIGHT}=0:1:3", "--over", "start.heading=0,0.2"]
-    command = [*arguments("sweep", out, ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]), *over]
-    said, _ = run(command)
+    said, _ = run([*arguments("sweep", out, SWEEP), *OVER])
     assert "Where do the gains fail" not in said and "failed" in said and "agvjax simulate --from" in said
     written = {"config.toml", "findings.json", "manifest.json", "report.html", "report.md", "shard-00000.npz"}
     assert written | {"cuts.png", "map_total_rmse.png"} <= set(files_of(out))
@@ -462,6 +467,13 @@ def test_a_sweep_is_written_read_and_refused_to_another(refused, tmp_path):
         {RIGHT: span},
         {"start.heading": {"one_of": [0.0, 0.2]}},
     ]
+
+
+@pytest.mark.slow
+def test_a_sweep_is_done_again_to_the_byte_and_refused_to_another(refused, tmp_path):
+    out = tmp_path / "sweep"
+    command = [*arguments("sweep", out, SWEEP), *OVER]
+    run(command)
     before = files_of(out)
     run(arguments("sweep", tmp_path / "again", (), "--config", out / "config.toml", "--quiet"))
     shards = [(folder / "shard-00000.npz").read_bytes() for folder in (out, tmp_path / "again")]
@@ -644,7 +656,7 @@ main.run()
 """
 
 
-@pytest.mark.parametrize("rank", ["0", "1"])
+@pytest.mark.parametrize("rank", ["0", pytest.param("1", marks=pytest.mark.slow)])
 def test_processes_that_do_not_come_are_waited_for_no_longer_than_said(rank, tmp_path):
     with socket.socket() as place:
         place.bind(("", 0))
@@ -689,6 +701,7 @@ def test_ctrl_c_while_libraries_are_imported_ends_the_command_at_once(library, t
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
     process = start(arguments("simulate", tmp_path / "out", FAST))
     process.stdout.close()

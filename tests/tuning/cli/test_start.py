@@ -62,6 +62,7 @@ def test_a_vehicle_is_simulated_before_anything_is_imported_that_draws(tmp_path)
     assert "[] 3" in said.splitlines()
 
 
+@pytest.mark.slow
 def test_a_search_has_taken_its_first_step_before_slow_libraries_are_imported(tmp_path):
     small = [s for s in SHORT_TUNE if not s.startswith(("tune.optimizer", "tune.screen"))]
     small += ["tune.screen=32", "ensemble.size=4", *FAST]

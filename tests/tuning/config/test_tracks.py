@@ -149,7 +149,8 @@ def rolled(config, dtype, steps=1500):
     return run
 
 
-@pytest.mark.parametrize("kind", ["waypoints", pytest.param("route", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["waypoints", "route"])
 def test_a_map_far_away_is_driven_in_single_precision_as_one_nearby(tmp_path, kind):
     near, _ = track(written(tmp_path, "x,y,speed", np.column_stack([BEND, np.ones(20)]), "near.csv"), kind=kind)
     far, _ = track(written(tmp_path, "x,y,speed", np.column_stack([BEND + FAR, np.ones(20)]), "far.csv"), kind=kind)

@@ -412,6 +412,7 @@ def test_numpy_drives_as_the_simulator_does(limited):
     assert np.abs(places - simulated()).max() < 1e-12
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_c_drives_as_the_simulator_does(limited, tmp_path):
     write_c(limited, tmp_path)
@@ -646,7 +647,10 @@ def test_a_name_leads_nowhere_outside_the_folder(form, tmp_path, capsys):
     assert [file.name for file in tmp_path.iterdir()] == ["gains.toml"]
 
 
-@pytest.mark.parametrize("name", ["@STEP@", "@START@", "@NAME@", "/*", "*/", "??/", "a\\"])
+@pytest.mark.parametrize(
+    "name",
+    ["@STEP@", "*/", "a\\", *(pytest.param(n, marks=pytest.mark.slow) for n in ("@START@", "@NAME@", "/*", "??/"))],
+)
 @needs_gcc
 def test_names_of_elements_and_files_that_look_like_code_come_through(name, tmp_path):
     """Of a file of gains and an element of an actuator: they stand in the provenance, and nothing is made of them."""

@@ -317,6 +317,7 @@ def test_gains_and_parameters_set_at_run_time_act_as_if_exported_and_from_the_ne
         assert np.allclose(got, [inputs["heading"], *inputs["position"]], rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @each_version
 def test_a_vehicle_whose_parameters_are_set_drives_as_the_simulators_with_these(version, exported):
     """Deadzones, lag and delay of one wheel, before the start."""

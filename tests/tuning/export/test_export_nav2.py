@@ -131,6 +131,7 @@ def simulated(points, start, seconds):
     return np.column_stack([run.position, run.heading])[:-1]
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_it_drives_as_the_simulator_does_forwards_and_backwards_into_the_bay(server):
     """Over the whole drive of two legs, within 1e-6 m and rad; the plan is the points of the route."""

@@ -29,7 +29,6 @@ LAWS = {
     "stanley": agvjax.Stanley(k=1.0, k_yaw=0.0, wheelbase=0.25),  # with its defaults it does not hold the dumbbell
     "path_lqr": agvjax.PathLQR(),
 }
-QUICK = [("path_pid", "two legs")]  # each law and each route takes seconds to compile
 BAY = np.array(  # past a bay and backwards into it
     [[0, 0, 0.6], [1, 0, 0.6], [2, 0, 0.6], [3, 0.15, 0.6], [4, 0.8, 0.6], [5, 2, -0.4],
      [4.3, 1, -0.4], [3.9, 0.3, -0.4], [3.7, -0.5, -0.4], [3.6, -1.5, -0.4], [3.6, -2.5, -0.4]]
@@ -203,14 +202,9 @@ def compiled(exported, files_in_c, tmp_path_factory):
 
 
 @needs_gcc
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        pytest.param(name, kind, marks=[] if (name, kind) in QUICK else pytest.mark.slow)
-        for name in LAWS
-        for kind in STARTS
-    ],
-)
+@pytest.mark.slow  # each law and each route takes seconds to compile
+@pytest.mark.parametrize("kind", STARTS)
+@pytest.mark.parametrize("name", LAWS)
 def test_one_compiled_law_drives_every_kind_of_route_as_the_law_itself_does(name, kind, exported, compiled):
     """From beside it to its end, back on the second leg, over the seam, straight on where it crosses itself."""
     law, made, (route, seconds), start = exported(name).controller, compiled(name), laid(kind), STARTS[kind]
@@ -373,6 +367,7 @@ def test_numpy_reads_its_route_and_tests_itself(exported, tmp_path):
     assert space["self_test"]() > 1e-3
 
 
+@pytest.mark.slow
 def test_stablehlo_takes_the_route_as_arguments(exported):
     found = exported("path_pid")
     law, files, route = found.controller, stablehlo.files(found), found.route

@@ -29,7 +29,8 @@ def two_runs(law, scenario):
     return tuple(agvjax.simulate(law, one, **STEPS) for one in starts)
 
 
-@pytest.mark.parametrize("name", ["clock", pytest.param("route", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["clock", "route"])
 def test_a_browser_draws_the_runs_from_the_file_alone(tmp_path, monkeypatch, name):
     monkeypatch.syspath_prepend(str(commands.ROOT))
     from benchmarks import browser

@@ -52,6 +52,7 @@ def posed(config, bounds):
     return plan, loop.problem(config, plan, config.controller, bounds)
 
 
+@pytest.mark.slow
 def test_a_level_is_above_0_where_a_run_fails_and_its_slope_is_that_of_differences():
     config = config_of(
         {X: Span(Distribution("norm", {"loc": -0.5, "scale": 0.2}))}, {RIGHT: Span(Between(0.2, 0.8))}, horizon=0.3
@@ -305,6 +306,7 @@ def test_other_settings_and_options_do_not_pass(searched, capsys):
     assert main(["sweep", "--out", str(out), "--ensemble"]) == 2  # no folder of a sweep
 
 
+@pytest.mark.slow
 def test_in_python_a_search_is_one_call(tmp_path):
     """A linear limit state: the command at the start is 30 (x_r - x) - ... of a normal x, so Phi of its distance."""
     config = config_of({X: Span(Distribution("norm", {"loc": -0.5, "scale": 0.05}))}, rollouts=10_000)

@@ -59,6 +59,7 @@ def test_a_limit_that_fails_at_the_finer_step_is_met_in_the_end(monkeypatch):
     assert "but not at simulate.dt" in " ".join(judge(before).conflict)
 
 
+@pytest.mark.slow
 def test_it_is_resumed_to_the_same_bits(tmp_path):
     runs = []
     whole = solve(pose(coarse()), each=runs.append)

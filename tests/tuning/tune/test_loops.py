@@ -108,11 +108,16 @@ def test_a_search_ends_on_the_limit_where_the_formula_has_it():
     ("setting", "key"),
     [
         ("tune.limits.delay_margin=0.1", "tune.limits.delay_margin.least"),
-        ("tune.limits.delay_margin={worst=0.1,absolute=true}", "tune.limits.delay_margin.least"),
         ("tune.goals={sensitivity=1.0}", "tune.goals.sensitivity"),
-        ("margins.instants=100000", "margins.instants"),
-        ('tune.optimizer="adam"', "tune.optimizer"),
         ('tune.optimizer="cma"', "tune.optimizer"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ("tune.limits.delay_margin={worst=0.1,absolute=true}", "tune.limits.delay_margin.least"),
+                ("margins.instants=100000", "margins.instants"),
+                ('tune.optimizer="adam"', "tune.optimizer"),
+            )
+        ),
     ],
 )
 def test_what_a_margin_cannot_be_is_refused(setting, key, tmp_path):
@@ -121,7 +126,9 @@ def test_what_a_margin_cannot_be_is_refused(setting, key, tmp_path):
     assert key in said and not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", [("speed", "--within", "0.05"), ("compare", "--deadzone")])
+@pytest.mark.parametrize(
+    "command", [("speed", "--within", "0.05"), pytest.param(("compare", "--deadzone"), marks=pytest.mark.slow)]
+)
 def test_commands_that_look_at_runs_alone_refuse_limits_on_the_loop(command, tmp_path):
     options = ["--set", "tune.limits.delay_margin={worst=0.1,absolute=true,least=true}"]
     _, said = run([*command, "--config", "base", "--out", str(tmp_path / "out"), *options], 2)

@@ -370,6 +370,7 @@ def test_the_metrics_are_those_of_the_task():
 AWAY = jnp.array([0.3, -0.2, 0.15, 0.4, -0.3, 0.1, 0.2])
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_gradients_agree(small):
     z = small.begin().z + AWAY
     score, forward = small.gradient_of(z, small.scenarios())
@@ -503,6 +504,7 @@ def test_lbfgs_searches_along_lines_and_counts_what_it_looks_at():
     assert looks > p.iteration and looks == round(looks)
 
 
+@pytest.mark.slow
 def test_fresh_scenarios_steer_and_the_fixed_ones_rank(small):
     def fresh(iteration):
         drawn = sample(Scenario(), default_draws(), 8, 0, 1000 + iteration)

@@ -43,9 +43,8 @@ def simulated(config, values, **timing):
     return np.asarray(errors)
 
 
-@pytest.mark.parametrize(
-    "law", ["neuro_backstepping", *(pytest.param(law, marks=pytest.mark.slow) for law in ("dfc", "osfc"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["neuro_backstepping", "dfc", "osfc"])
 def test_no_simulated_scenario_leaves_a_bound_that_is_proved(law):
     config = load([], [f'controller="{law}"', *SHORT])
     prover = Prover.of(config, {})._replace(claim=(9.0, 9.0, 9.0))

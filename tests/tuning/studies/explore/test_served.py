@@ -94,6 +94,7 @@ def test_a_key_on_a_slider_redraws_in_chromium(tmp_path, monkeypatch):
     assert k1 != pytest.approx(1.30103, abs=1e-4)  # log10(20), where it was: an odd number of keys
 
 
+@pytest.mark.slow
 def test_bad_input_ends_before_anything_is_served(tmp_path):
     (tmp_path / "mine.txt").write_text("")
     _, err = commands.run(["explore", "--out", str(tmp_path)], code=2)

@@ -345,6 +345,7 @@ def test_the_printed_bound_is_vacuous_in_every_scenario(batch, runs):
         assert np.all(np.asarray([constants.position, constants.heading]) >= np.sqrt(1 / 0.001))
 
 
+@pytest.mark.slow
 def test_the_papers_own_scenario(reports):
     r = reports[0]
     assert r.observed[0] == pytest.approx(0.0040, rel=0.02)

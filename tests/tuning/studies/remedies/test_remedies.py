@@ -83,6 +83,7 @@ def test_the_nominal_belief_is_the_same_for_every_vehicle(base):
     assert {float(i.believed["left"].threshold_right) for i in inverses} == {float(nominal.threshold_right)}
 
 
+@pytest.mark.slow
 def test_what_an_identified_inverse_wants_is_delivered(paper):
     """By eq. (11) of each vehicle; a threshold believed 1.5 times delivers half a threshold, times the slope, more."""
     for name, more in (("identified", 0.0), ("too_large", 0.5), ("too_small", -0.5)):

@@ -187,6 +187,7 @@ def test_an_animation_that_fails_leaves_nothing_half_written(tmp_path, monkeypat
     assert not [file for file in out.iterdir() if "animation" in file.name]
 
 
+@pytest.mark.slow
 def test_one_metric_alone_can_be_tuned():
     # with the compiler options of `tune_xla` a gather of one row once brought the compiler of jaxlib 0.10.1 down
     program = """
