@@ -23,6 +23,7 @@ from . import (
     following,
     gradient,
     history,
+    inside,
     problems,
     python,
     rollout,
@@ -52,6 +53,7 @@ PARTS: dict[str, Callable[[int], list[dict[str, Any]]]] = {
     "days": lambda turns: days.measure(),
     "wheels": lambda turns: wheels.measure(),
     "certify": lambda turns: _alone(certify.measure),
+    "inside": lambda turns: _alone(certify.measure_inside),
 }
 DRIFTING = {"days": days.measure, "wheels": wheels.measure}
 LIBRARIES = ("jax", "jaxlib", "numpy", "numba", "scipy", "diffrax", "casadi", "cma", "optuna", "clarabel", "bokeh")
@@ -67,9 +69,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
     parser.add_argument("--days", type=int, default=days.DAYS, help="that a robot drifts, of days and wheels")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="after which these end")
+    parser.add_argument("--samples", type=int, default=inside.SAMPLES, help="runs inside what is proved")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="after which these three end")
     given = parser.parse_args()
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
+    PARTS["inside"] = lambda turns: _alone(certify.measure_inside, given.samples, given.hours)
     PARTS.update({name: lambda turns, m=m: m(given.days, given.hours) for name, m in DRIFTING.items()})
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
@@ -88,10 +92,10 @@ def main() -> None:
             draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
 
 
-def _alone(function: Callable[[], Any]) -> Any:
+def _alone(function: Callable[..., Any], *given: object) -> Any:
     """In a process of its own: compiler options are one process's."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(function)
+        return pool.apply(function, given)
 
 
 def machine() -> dict[str, Any]:

@@ -1,24 +1,19 @@
-"""How much of what a search cannot break is proved: `agvjax certify` beside its search, and runs inside what is proved.
+"""How much of what a search cannot break is proved: `agvjax certify` beside its search.
 
 A side is shared out around its nominal value; `proved` and `found` are shares of the same box, and `ratio` their ratio.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import time
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
-import agvjax
-from tuning.config import load
 from tuning.studies.certify import certify, checker
-from tuning.studies.certify.found import Seeker, late_errors, scenarios
-from tuning.studies.certify.rules import faults
+
+from . import inside
 
 TUNED = {  # by `agvjax tune`, seed 0
     "k1": 36.06579871266203,
@@ -42,26 +37,27 @@ CASES = (  # gains, sides, bounds [m, rad], parts of a box
     *(("paper", kind, (0.02, 0.2), 4) for kind in reversed(KINDS)),
     *(("tuned", kind, (0.03, 0.12), 4) for kind in reversed(KINDS)),
 )
-BLOCK, SAMPLES, SEARCHES, STARTS = 4000, 100_000, 32, 32
 
 
-def measure(samples: int = SAMPLES, searches: int = SEARCHES) -> list[dict[str, Any]]:
-    """A row a case; where starts vary, too, `samples` runs and `searches` times `STARTS` ascents in the proved box."""
+def measure() -> list[dict[str, Any]]:
+    """A row a case."""
     jax.config.update("jax_enable_x64", True)
     rows = []
     for case in CASES:
-        rows.append(_case(*case, samples, searches if case[1] == "all, and starts" else 0))
+        rows.append(_case(*case))
         print(json.dumps(rows[-1]), flush=True)
     return rows
 
 
-def _case(
-    gains: str, kind: str, within: tuple[float, float], boxes: int, samples: int, searches: int
-) -> dict[str, Any]:
-    over = [{name: {"times": list(span)}} for name, span in KINDS[kind].items()]
-    settings = {"certify.over": over, "certify.within": within[0], "certify.within_heading": within[1]}
-    settings |= {"certify.boxes": boxes, **{f"controller.{name}": value for name, value in GAINS[gains].items()}}
-    config = load([], ["certify.halvings=3"], faults, settings)
+def measure_inside(samples: int = inside.SAMPLES, hours: float = float("inf")) -> list[dict[str, Any]]:
+    """Runs inside the boxes with starts, of the paper's gains and of tuned ones: a row each."""
+    cases = {case[0]: case for case in reversed(CASES) if case[1] == "all, and starts"}
+    posed = {gains: inside.posed(within, n, KINDS[kind], GAINS[gains]) for gains, kind, within, n in cases.values()}
+    return inside.measure(posed, samples, hours)
+
+
+def _case(gains: str, kind: str, within: tuple[float, float], boxes: int) -> dict[str, Any]:
+    config = inside.posed(within, boxes, KINDS[kind], GAINS[gains])
     begin = time.perf_counter()
     found = certify(config)
     row = {
@@ -79,38 +75,4 @@ def _case(
         begin = time.perf_counter()
         checker.check(json.loads(json.dumps(found.certificate)))
         row["check s"] = time.perf_counter() - begin
-    if searches and found.certificate:
-        row |= _inside(config, found, samples, searches)
     return row
-
-
-def _inside(config: Any, found: Any, samples: int, searches: int) -> dict[str, Any]:
-    """Violations among random runs in the proved box, half of whose unknowns are at an end, and among ascents."""
-    law, limits = agvjax.check(config.controller), np.array(found.bounds)[:, None]
-    timing = config.timing("sweep")
-
-    @jax.jit
-    def errors(values: Any) -> Any:
-        moved = scenarios(config.scenario, values)
-        return late_errors(law, config.scenario, moved, config.criteria.late, **timing)
-
-    violations, largest, rng = 0, np.zeros(3), np.random.default_rng(config.seed)
-    for _ in range(samples // BLOCK):
-        values = {}
-        for name, (low, high) in found.box.items():
-            share = rng.uniform(size=BLOCK)
-            values[name] = jnp.asarray(
-                low + np.where(rng.uniform(size=BLOCK) < 0.5, np.round(share), share) * (high - low)
-            )
-        worst, ok = (np.asarray(x) for x in errors(values))
-        violations += int(np.sum(np.any(worst > limits, axis=0) | ~ok))
-        largest = np.maximum(largest, worst.max(axis=1))
-    search = dataclasses.replace(config.tune.search, starts=STARTS)
-    seeker = Seeker.of(dataclasses.replace(config, tune=dataclasses.replace(config.tune, search=search)))
-    ascents = [seeker.worst(found.share, round_)[0] for round_ in range(searches)]
-    return {
-        "samples": samples // BLOCK * BLOCK,
-        "ascents": searches * STARTS,
-        "violations": violations + sum(not value <= 1 for value in ascents),
-        "largest / proved": [float(x) for x in largest / limits[:, 0]],
-    }

@@ -9,6 +9,7 @@ from agvjax import InputError
 
 from ..config import Config
 from ..config.complete import by_whole_error
+from ..io.kept import Kept
 from ..studies.laws import followers, followers_page, page, study
 from ..studies.paper import cases
 from ..studies.remedies import page as remedies_page
@@ -16,8 +17,10 @@ from ..studies.remedies import rules as remedies_rules
 from ..studies.remedies import study as remedies_study
 from ..tune.rules import faults, moving
 from .console import Console, failing
-from .folders import new_folder
+from .folders import begin
 from .prepare import configure
+
+FOLDER = "tuned"  # of what searches found
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -33,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _remedies(arguments, console, config)
     if bad := followers.faults(config) if routed else cases.faults(config.controller, config.scenario):
         raise InputError(bad)
-    out = new_folder(arguments.out, arguments.command, config)
+    out = begin(arguments, config)
     text = _followers(console, config, out) if routed else _papers(console, config, out)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0
@@ -41,13 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _papers(console: Console, config: Config, out: Path) -> str:
     with console.parts("tuning", len(study.laws(config.controller)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = study.compare(config, tick)
+        comparison, tuned = study.compare(config, Kept(out / FOLDER, study.Searched), tick)
     return page.write(comparison, tuned, out)
 
 
 def _followers(console: Console, config: Config, out: Path) -> str:
     with console.parts("tuning", len(followers.laws(config)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = followers.compare(config, tick)
+        comparison, tuned = followers.compare(config, Kept(out / FOLDER, followers.Searched), tick)
     return followers_page.write(comparison, tuned, out)
 
 
@@ -57,9 +60,9 @@ def _remedies(arguments: argparse.Namespace, console: Console, config: Config) -
     with failing((RuntimeError, ValueError)):
         asked = remedies_study.Study(config)
         count = len(asked.remedies.found)
-    out = new_folder(arguments.out, arguments.command, config)
+    out = begin(arguments, config)
     with console.parts("tuning", count + 2, "remedies", (RuntimeError, ValueError)) as tick:
-        tuned, wrong = remedies_study.compare(asked, tick)
+        tuned, wrong = remedies_study.compare(asked, Kept(out / FOLDER, followers.Searched), tick)
     text = remedies_page.write(asked, tuned, wrong, out)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0

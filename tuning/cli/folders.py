@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import os
 import time
@@ -83,7 +84,7 @@ def _unwritable(name: str | None, error: Exception) -> InputError:
 def not_empty(out: Path, command: str) -> InputError:
     """What is said of a folder that a command cannot begin in."""
     rule = "a new or empty folder: this one is not empty; choose another"
-    rule += ", or add --resume to continue the run in it" if command in ("tune", "speed") else ""
+    rule += ", or add --resume to continue the run in it" if command in ("tune", "speed", "compare", "pareto") else ""
     return InputError([Fault("--out", str(out), rule)])
 
 
@@ -97,6 +98,12 @@ def _by_time(command: str) -> Path:
         except FileExistsError:
             more = f"-{i}"
     return Path(name + more)
+
+
+def begin(arguments: argparse.Namespace, config: Config) -> Path:
+    """The folder of a command that has `--resume`: a new one, or with it that of the run to go on with."""
+    make = same_folder if arguments.resume else new_folder
+    return make(arguments.out, arguments.command, config)
 
 
 def same_folder(name: str | None, command: str, config: Config) -> Path:

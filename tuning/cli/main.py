@@ -40,10 +40,11 @@ SIMULATE = Command(
         option("--controller", metavar="NAME", help="which controller of the sweep (default: its first)"),
     ),
 )
+RESUME = flag("--resume", "continue the run in --out, to the same result")
 TUNE = Command(
     "tune the gains over an ensemble and write a report",
     (
-        flag("--resume", "continue the run in --out, to the same result"),
+        RESUME,
         option(
             "--params",
             metavar="FILE.yaml",
@@ -99,7 +100,7 @@ SPEED = Command(
     "how fast a vehicle can follow its route, tuned at every speed, and what place limits it",
     (
         option("--within", type=real, metavar="M", help="largest distance to the route in m (default: its corridor)"),
-        flag("--resume", "continue the run in --out, to the same result"),
+        RESUME,
     ),
     "--config base --within 0.05",
 )
@@ -115,14 +116,14 @@ EXPORT = Command(
 )
 COMPARE = Command(
     "tune every law to the same command budget and compare them on unseen scenarios",
-    (flag("--deadzone", "compare remedies against the deadzone instead: network, slopes, observer, inverses"),),
+    (RESUME, flag("--deadzone", "compare remedies against the deadzone instead: network, slopes, observer, inverses")),
 )
 COMMANDS = {
     "new": NEW,
     "simulate": SIMULATE,
     "tune": TUNE,
     "sweep": SWEEP,
-    "pareto": Command("tune for a series of limits: the Pareto front of error against command"),
+    "pareto": Command("tune for a series of limits: the Pareto front of error against command", (RESUME,)),
     "certify": CERTIFY,
     "speed": SPEED,
     "margins": Command(

@@ -11,6 +11,7 @@ import agvjax
 
 from .. import config as configuration
 from ..io import files
+from ..io.kept import Kept
 from ..io.pages import grid
 from ..io.pictures import write_figures
 from ..io.statements import worst_of
@@ -20,7 +21,7 @@ from ..tune.problem import pose
 from ..tune.ready import steered
 from ..tune.rules import faults, moving
 from .console import RunFailed, failing
-from .folders import new_folder
+from .folders import begin
 from .prepare import configure, warn
 
 
@@ -28,7 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Tune for every place of the moved limit; write the front, its figure and the gains of every point."""
     config, console = configure(arguments, faults, moving=moving)
     problem = pose(config)
-    out = new_folder(arguments.out, arguments.command, config)
+    out = begin(arguments, config)
+    kept = Kept(out / "points", pareto.Reached)
     warn(console, config, "tune", "simulate", moving=moving(config))
     settings, names = config.pareto, problem.tuner.gains.names
     factors = np.geomspace(settings.low, settings.high, settings.points).tolist()
@@ -40,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
             phase.note(f"{settings.metric} x {point.factor:.3g}: goal {point.goal:.4f}")
             phase.advance()
 
-        points = pareto.front(steered(problem), settings.metric, factors, done)
+        points = pareto.front(steered(problem), settings.metric, factors, done, kept)
     unseen = validation(config)
     values = [
         _worth(judged(config, law, unseen), (settings.metric, goal))

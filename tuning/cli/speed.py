@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from agvjax import Fault, InputError
 
-from ..config import Config
+from ..io.kept import Kept
 from ..studies.speed import page
 from ..studies.speed.rules import faults
 from ..studies.speed.study import Study, long_enough, search
-from ..studies.speed.tried import Saved
+from ..studies.speed.tried import Tried
 from ..tune.rules import moving
 from .console import RunFailed
-from .folders import new_folder, same_folder
+from .folders import begin
 from .prepare import configure, warn
 
 
@@ -25,8 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     within = None if arguments.within is None else {"speed.within": arguments.within}
     given, console = configure(arguments, faults, within, moving)
     config = long_enough(given)
-    out = _folder(arguments, config)
-    saved = Saved(out)
+    out = begin(arguments, config)
+    kept = Kept(out / "speeds", Tried)
     warn(console, config, "tune", "simulate", moving=moving(config))
     if config.simulate.horizon > given.simulate.horizon:
         text = f"runs are {config.simulate.horizon:g} s long (simulate.horizon = {given.simulate.horizon:g})"
@@ -34,14 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     console.say("tuning at one speed after another; the first start takes minutes to compile")
     study, settings = Study(config), config.speed
     with console.parts("tuning", settings.points + settings.halvings, "speeds", (RuntimeError,)) as tick:
-        tried = search(study, saved.tried, saved.keep, lambda factor: tick(f"x {factor:.3g}"))
+        tried = search(study, kept, lambda factor: tick(f"x {factor:.3g}"))
         told = page.write(study, tried, out)
     console.conclude(told.text, f"written to {out}; begin with {out}/report.html")
     if told.failure:
         raise RunFailed(told.failure)
     return 0
-
-
-def _folder(arguments: argparse.Namespace, config: Config) -> Path:
-    make = same_folder if arguments.resume else new_folder
-    return make(arguments.out, arguments.command, config)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import jax
 
 from ..compute import processes
 from ..compute.compiled import meanwhile
-from ..config import Config
 from ..io import viewers
 from ..tune import page, populations
 from ..tune.checkpoint import CHECKPOINT, Recorder
@@ -21,7 +19,7 @@ from ..tune.ready import readied
 from ..tune.rounds import Outcome, Run, solve
 from ..tune.rules import faults, moving
 from .console import Console, RunFailed, failing, interrupts
-from .folders import new_folder, same_folder
+from .folders import begin
 from .nav2_file import ParameterFile
 from .prepare import configure, warn
 
@@ -32,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     params = ParameterFile.given(arguments)
     config, console = configure(arguments, faults, params.settings() if params else None, moving)
     problem = pose(config)
-    with processes.folder(lambda: _folder(arguments, config), CHECKPOINT) as out:
+    with processes.folder(lambda: begin(arguments, config), CHECKPOINT) as out:
         recorder = Recorder(out, problem)
         warn(console, config, "tune", "simulate", moving=moving(config))
         for line in params.lines() if params else []:
@@ -50,12 +48,6 @@ def run(arguments: argparse.Namespace) -> int:
     if verdict.failure:
         raise RunFailed(verdict.failure)
     return 0
-
-
-def _folder(arguments: argparse.Namespace, config: Config) -> Path:
-    if arguments.resume:
-        return same_folder(arguments.out, arguments.command, config)
-    return new_folder(arguments.out, arguments.command, config)
 
 
 @contextlib.contextmanager

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from ..io.kept import Kept
 from ..io.panels import panels
 from .methods.objective import FEASIBLE, within
 from .problem import TuningProblem
-from .tuner import Progress, Tuner
+from .tuner import Tuner
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,40 +33,60 @@ class Point(NamedTuple):
     looks: int
 
 
+class Reached(NamedTuple):
+    """Where a search with a moved limit has ended."""
+
+    excess: float  # sum of what limits are exceeded by; 0: all are met
+    goal: float
+    looks: int
+    z: tuple[float, ...]  # coordinates of the gains
+
+
 def front(
-    problem: TuningProblem, metric: str, factors: list[float], done: Callable[[Point], None] = lambda point: None
+    problem: TuningProblem,
+    metric: str,
+    factors: list[float],
+    done: Callable[[Point], None] = lambda point: None,
+    kept: Kept[Reached] | None = None,
 ) -> list[Point]:
     """Tuned gains for every factor on the limits of a metric, outward from the factor nearest 1.
+
+    Args:
+        problem: with the limit as it is; goals are relative to the starting gains.
+        metric: whose mean and worst are limited.
+        factors: of the limit, times what the starting gains need, rising.
+        done: called with every point.
+        kept: points of the same run that it has come to before.
 
     Raises:
         RuntimeError: nothing can be tuned from the starting gains.
     """
     tuner = _limited(problem.tuner, metric, 1.0)
     middle = int(np.argmin(np.abs(np.log(factors))))
-    made: dict[int, tuple[Point, Progress]] = {}
+    made, reached = dict[int, Point](), dict[int, Reached]()
+    kept = Kept[Reached](None, Reached) if kept is None else kept
     for i in [*range(middle, len(factors)), *reversed(range(middle))]:
-        neighbour = made.get(i - 1 if i > middle else i + 1)
-        here = _limited(tuner, metric, factors[i])
-        progress = here.begin(None if neighbour is None else neighbour[1].best_z)
-        while not here.finished(progress):
-            progress = here.advance(progress)
-        if np.isinf(progress.best[1]):
+        here, neighbour = _limited(tuner, metric, factors[i]), reached.get(i - 1 if i > middle else i + 1)
+        begin = None if neighbour is None else jnp.asarray(neighbour.z)
+        reached[i] = found = kept.once(f"{i}", functools.partial(_tuned, here, begin))
+        if np.isinf(found.goal):
             raise RuntimeError("no gradient at the starting gains was usable: no step was taken (agvjax doctor)")
-        point = Point(
-            factor=factors[i],
-            goal=progress.best[1],
-            met=progress.best[0] == 0,
-            dominated=False,
-            controller=here.best(progress),
-            gains=here.gains.values(progress.best_z, here.controller),
-            looks=progress.iteration,
-        )
-        made[i] = (point, progress)
-        done(point)
-    points = [made[i][0] for i in range(len(factors))]
+        z, met = jnp.asarray(found.z), found.excess == 0
+        law, gains = here.gains.controller(z, here.controller), here.gains.values(z, here.controller)
+        made[i] = Point(factors[i], found.goal, met, False, law, gains, found.looks)
+        done(made[i])
+    points = [made[i] for i in range(len(factors))]
     lower = np.minimum.accumulate([p.goal if p.met else np.inf for p in points])
     worse = [bool(p.met and p.goal > low * (1 + FEASIBLE)) for p, low in zip(points, lower, strict=True)]
     return [p._replace(dominated=d) for p, d in zip(points, worse, strict=True)]
+
+
+def _tuned(tuner: Tuner, begin: Array | None) -> Reached:
+    progress = tuner.begin(begin)
+    while not tuner.finished(progress):
+        progress = tuner.advance(progress)
+    (excess, goal), z = progress.best, np.asarray(progress.best_z)
+    return Reached(float(excess), float(goal), progress.iteration, tuple(z.tolist()))
 
 
 def _limited(tuner: Tuner, metric: str, factor: float) -> Tuner:

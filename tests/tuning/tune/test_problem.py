@@ -12,11 +12,12 @@ from agvjax import EULER, RK4, Command, InputError, NeuroBackstepping
 from laws import Proportional
 from tuning import Between, Config, Distribution, Ensemble, Limit, Search, Simulate, Times, Tune, Weights, pose
 from tuning import config as configuration
+from tuning.io.kept import Kept
 from tuning.tune.analysis import analyse, conflict
 from tuning.tune.doctor import diagnose, first_bad, page
 from tuning.tune.finer import judged
 from tuning.tune.judge import unmet
-from tuning.tune.pareto import front
+from tuning.tune.pareto import Reached, front
 from tuning.tune.problem import starts
 from tuning.tune.rounds import Outcome, begin
 from tuning.tune.rules import faults
@@ -218,9 +219,16 @@ def test_gains_that_do_the_same_are_named_alike():
     np.testing.assert_allclose(np.abs(found.weakest), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-4)
 
 
-def test_more_command_buys_less_error():
-    posed = pose(problem(iterations=12))
-    points = front(posed, "effort", [0.95, 1.0, 1.1])
+def test_more_command_buys_less_error(tmp_path):
+    posed, factors = pose(problem(iterations=12)), [0.95, 1.0, 1.1]
+
+    def stopped(point):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        front(posed, "effort", factors, stopped, Kept(tmp_path / "points", Reached))
+    points = front(posed, "effort", factors, kept=Kept(tmp_path / "points", Reached))
+    assert points[1].gains == front(posed, "effort", factors[1:2])[0].gains  # that which was kept, and was begun from
     met = [p for p in points if p.met]
     assert len(met) >= 2 and [p.factor for p in points] == [0.95, 1.0, 1.1]
     goals = np.array([p.goal for p in met])

@@ -20,6 +20,7 @@ import agvjax
 from ...compute.compiled import traced
 from ...config import dump
 from ...config.settings import Config
+from ...io.kept import Kept
 from ...tune.caveats import excesses
 from ...tune.finer import judged, validation
 from ...tune.problem import TuningProblem, pose
@@ -35,11 +36,10 @@ LABELS = {
 }
 
 
-class Found(NamedTuple):
+class Searched(NamedTuple):
     """What searches found; the fields are those of `Tuned`."""
 
-    controller: agvjax.Law
-    gains: tuple[str, ...]
+    z: tuple[float, ...]  # coordinates of the gains
     excess: float
     searches: int
     jacobians: int
@@ -121,17 +121,19 @@ class Comparison:
         objective = self.posed(self.config.controller).tuner.objective._replace(weights=None)
         return objective.baseline_of(metrics)
 
-    def tune(self, law: agvjax.Law) -> Tuned:
+    def tune(self, name: str, law: agvjax.Law, kept: Kept[Searched]) -> Tuned:
         """The best of a look at many gain sets and of searches from the law's own and the best of those."""
         problem = self.posed(law)
-        found, objective = search(problem, self.budget, PLACES), problem.tuner.objective._replace(weights=None)
+        tuner, objective = problem.tuner, problem.tuner.objective._replace(weights=None)
+        made = kept.once(name, lambda: search(problem, self.budget, PLACES))
+        found = tuner.gains.controller(jax.numpy.asarray(made.z), tuner.controller)
         unseen = validation(self.config)
-        before, after = (judged(self.config, one, unseen) for one in (law, found.controller))
+        before, after = (judged(self.config, one, unseen) for one in (law, found))
         over = excesses(objective, after, self.unseen_budget)
-        return Tuned(law, *found, over, before, after)
+        return Tuned(law, found, tuner.gains.names, *made[1:], over, before, after)
 
 
-def search(problem: TuningProblem, budget: np.ndarray, places: int, key: str = "") -> Found:
+def search(problem: TuningProblem, budget: np.ndarray, places: int, key: str = "") -> Searched:
     """The best of a look at many gain sets and of searches from the law's own and so many of the best of those.
 
     Args:
@@ -160,18 +162,18 @@ def search(problem: TuningProblem, budget: np.ndarray, places: int, key: str = "
             progress = tuner.advance(progress)
         jacobians, rollouts = jacobians + progress.iteration, rollouts + progress.rollouts
         best = min(best, (progress.best, progress.best_z), key=lambda found: found[0])
-    law = tuner.gains.controller(best[1], tuner.controller)
-    return Found(law, tuner.gains.names, best[0][0], len(begun), jacobians, rollouts)
+    (excess, _), z = best
+    return Searched(tuple(np.asarray(z).tolist()), float(excess), len(begun), jacobians, rollouts)
 
 
-def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
-    """Tune and judge every law, two at a time; `done(name)` is called as each is ready."""
+def compare(config: Config, kept: Kept[Searched], done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
+    """Tune and judge every law, two at a time; `done(name)` is called as each is ready, `kept` is what was found."""
     comparison, chosen = Comparison(config), laws(config)
     _ = comparison.budget, comparison.unseen_budget  # before there are threads
     done("the configured law's budget")
 
     def one(item: tuple[str, agvjax.Law]) -> tuple[str, Tuned]:
-        found = comparison.tune(item[1])
+        found = comparison.tune(*item, kept)
         done(item[0])
         return item[0], found
 

@@ -16,6 +16,7 @@ from agvjax.metric_table import AXES
 
 from ...config.settings import Config, Tune
 from ...ensemble.draws import sample
+from ...io.kept import Kept
 from ...tune.gains import Gains
 from ...tune.methods.objective import within
 from ...tune.problem import requirements
@@ -65,6 +66,16 @@ def starts(name: str, law: agvjax.Law) -> list[Any]:
         return [law]
 
 
+class Searched(NamedTuple):
+    """What the searches for one law found; as in `Tuned`."""
+
+    z: tuple[float, ...]  # coordinates of the gains
+    cost: float
+    excess: float
+    looks: int
+    refused: int
+
+
 class Comparison:
     """The tuning and validation scenarios and the budget: what the proposed law needs with the configured gains."""
 
@@ -94,12 +105,8 @@ class Comparison:
         timing = self.config.timing(section)
         return agvjax.evaluate(agvjax.check(law), batch, criteria=self.objective.criteria, **timing)
 
-    def tune(self, name: str, law: agvjax.Law) -> Tuned:
-        """The best of all starts, and of all gain sets looked at: the budget kept first, then the cost.
-
-        Gain sets are looked at first: a gradient of a law that chatters is the sensitivity of its chatter, and where
-        searches by it end depends on the last bit of a gain.
-        """
+    def tune(self, name: str, law: agvjax.Law, kept: Kept[Searched]) -> Tuned:
+        """The best of all starts, and of all gain sets looked at: the budget kept first, then the cost."""
         config, settings = self.config, Tune(gains=law.gains_to_tune(), iterations=ITERATIONS)
         timed = dataclasses.replace(settings, dt=config.tune.dt, integrator=config.tune.integrator)
         gains = Gains.of(dataclasses.replace(config, controller=law, tune=timed))
@@ -108,28 +115,37 @@ class Comparison:
         left_out = len(starts(name, law)) - len(inside)
         if not inside:
             raise ValueError(f"no start of {name} lies inside its bounds")
+        made = kept.once(name, lambda: self._searched(tuner, inside))
+        found = gains.controller(jax.numpy.asarray(made.z), tuner.controller)
+        before, after = self.judge(law), self.judge(found)
+        return Tuned(law, found, made.cost, made.excess, made.looks, made.refused, left_out, after, before)
+
+    def _searched(self, tuner: Tuner, inside: list[Any]) -> Searched:
+        """Gain sets are looked at first, then searched from the best of them and from `inside`.
+
+        A gradient of a law that chatters is the sensitivity of its chatter, and where searches by it end depends on the
+        last bit of a gain.
+        """
         middle = dataclasses.replace(tuner, controller=agvjax.check(inside[0]))
-        seen = Screen(middle, self.seen.size, config.seed).look()
+        seen = Screen(middle, self.seen.size, self.config.seed).look()
         excess, goal = (float(x) for x in seen.ranks[0])
         best, z, looks, refused = (excess, goal), jax.numpy.asarray(seen.places[0]), 0, 0
-        for place in [*map(gains.coordinates, inside), *seen.apart(PLACES)]:
+        for place in [*map(tuner.gains.coordinates, inside), *seen.apart(PLACES)]:
             progress = tuner.begin(place)
             while not tuner.finished(progress):
                 progress = tuner.advance(progress)
             looks, refused = looks + progress.iteration, refused + progress.backed_out
             best, z = min((best, z), (progress.best, progress.best_z), key=lambda found: found[0])
-        found = gains.controller(z, tuner.controller)
-        before, after = self.judge(law), self.judge(found)
-        return Tuned(law, found, best[1], best[0], looks, refused, left_out, after, before)
+        return Searched(tuple(np.asarray(z).tolist()), float(best[1]), float(best[0]), looks, refused)
 
 
-def compare(config: Config, done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
-    """Tune and judge every law, two at a time; `done(name)` is called as each is ready."""
+def compare(config: Config, kept: Kept[Searched], done: Callable[[str], None]) -> tuple[Comparison, dict[str, Tuned]]:
+    """Tune and judge every law, two at a time; `done(name)` is called as each is ready, `kept` is what was found."""
     comparison = Comparison(config)
     _ = comparison.budget
 
     def one(item: tuple[str, Any]) -> tuple[str, Tuned]:
-        found = comparison.tune(*item)
+        found = comparison.tune(*item, kept)
         done(item[0])
         return item[0], found
 

@@ -99,7 +99,7 @@ def write(study: Study, judged: Mapping[str, Judged], wrong: Mapping[str, agvjax
     found = {"metric": metric, "rows": made, "conclusion": said, "left_out": left}
     files.write_json(out / "remedies.json", found | {"each_vehicle": each, "mistaken_after_tuning": mistaken})
     for name, one in judged.items():
-        files.write(out / f"gains-{name}.toml", gains_table(one.found.controller))
+        files.write(out / f"gains-{name}.toml", gains_table(one.controller))
     drawing = {"remedies": lambda: caption("remedies", figure(made, metric, unit), COMMAND)}
     lost = write_figures(out, drawing)
     text = _page(study, judged, made, said)
@@ -119,9 +119,9 @@ def _page(study: Study, judged: Mapping[str, Judged], made: list[Json], said: li
     gains = grid(
         ["remedy", "gain", "own", "tuned", "meaning"],
         [
-            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.found.controller, gain), meaning]
+            [LABELS[name], gain, value_of(one.remedy.law, gain), value_of(one.controller, gain), meaning]
             for name, one in judged.items()
-            for gain, meaning in of_gains(one.remedy.law, one.found.gains).items()
+            for gain, meaning in of_gains(one.remedy.law, one.gains).items()
         ],
     )
     left = "\n".join(f"* {LABELS[name]}: {why}." for name, why in study.remedies.left_out.items()) or "* none"

@@ -19,9 +19,10 @@ import agvjax
 
 from ...config.settings import Config
 from ...ensemble.draws import Between, sample
+from ...io.kept import Kept
 from ...tune.caveats import excesses
 from ...tune.problem import TuningProblem, pose
-from ..laws.followers import Found, search
+from ..laws.followers import Searched, search
 from ..paper.cases import WORKERS
 from .knowing import Knowing, knowing, values_of
 from .limits import budgeted
@@ -37,7 +38,9 @@ class Judged(NamedTuple):
     """A remedy before and after tuning, on vehicles that were not tuned on; metrics without noise and with."""
 
     remedy: Remedy
-    found: Found
+    controller: agvjax.Law  # with the best gains
+    gains: tuple[str, ...]
+    found: Searched
     over: list[str]  # limits that are exceeded there, each with by how much
     before: tuple[agvjax.Metrics, agvjax.Metrics]
     after: tuple[agvjax.Metrics, agvjax.Metrics]
@@ -122,27 +125,29 @@ class Study:
         metrics = self.judge(nothing.law, {})[self.tuned_with_noise]
         return objective.baseline_of(metrics)
 
-    def tune(self, remedy: Remedy) -> Judged:
+    def tune(self, name: str, remedy: Remedy, kept: Kept[Searched]) -> Judged:
         """The best gains that searches find, and what they are worth."""
         problem, known = self.posed(remedy), dict(remedy.known)
-        found = search(problem, self.budget, PLACES, f"known: {sorted(known)}" if known else "")
-        before, after = self.judge(remedy.law, known), self.judge(found.controller, known)
+        key, tuner = f"known: {sorted(known)}" if known else "", problem.tuner
+        found = kept.once(name, lambda: search(problem, self.budget, PLACES, key))
+        law = tuner.gains.controller(jax.numpy.asarray(found.z), tuner.controller)
+        before, after = self.judge(remedy.law, known), self.judge(law, known)
         objective = problem.tuner.objective._replace(weights=None)
         metrics = after[self.tuned_with_noise]
         levels = objective.levels_of(metrics, self.unseen_budget)[len(objective.goals) :]
         over = excesses(objective, metrics, self.unseen_budget)
-        return Judged(remedy, found, over, before, after, float(np.max(levels)))
+        return Judged(remedy, law, tuner.gains.names, found, over, before, after, float(np.max(levels)))
 
     def mistaken(self, identified: Judged) -> dict[str, agvjax.Metrics]:
         """The inverse tuned with each vehicle's own deadzone, then run with wrong thresholds; no noise."""
         zones = deadzones(self.config)
-        return {
-            name: self.judge(identified.found.controller, truths(zones, factor))[0] for name, factor in WRONG.items()
-        }
+        return {name: self.judge(identified.controller, truths(zones, factor))[0] for name, factor in WRONG.items()}
 
 
-def compare(study: Study, done: Callable[[str], None]) -> tuple[dict[str, Judged], dict[str, agvjax.Metrics]]:
-    """Tune and judge every remedy, two at a time; `done(name)` is called as each is ready.
+def compare(
+    study: Study, kept: Kept[Searched], done: Callable[[str], None]
+) -> tuple[dict[str, Judged], dict[str, agvjax.Metrics]]:
+    """Tune and judge every remedy, two at a time; `done(name)` is called as each is ready, `kept` is what was found.
 
     Returns:
         Every remedy, and what it costs to be mistaken after tuning.
@@ -151,7 +156,7 @@ def compare(study: Study, done: Callable[[str], None]) -> tuple[dict[str, Judged
     done("the budget")
 
     def one(item: tuple[str, Remedy]) -> tuple[str, Judged]:
-        found = study.tune(item[1])
+        found = study.tune(*item, kept)
         done(item[0])
         return item[0], found
 

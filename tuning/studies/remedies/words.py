@@ -39,7 +39,7 @@ def rows(judged: Mapping[str, Judged], metric: str) -> list[Json]:
     """One row a remedy, best first by its mean error after tuning without noise; over the runs that did not diverge."""
     made = []
     for name, one in judged.items():
-        row: Json = {"remedy": name, "gains": len(one.found.gains), "met": one.found.excess == 0}
+        row: Json = {"remedy": name, "gains": len(one.gains), "met": one.found.excess == 0}
         row |= {
             "excess": float(one.found.excess),
             "use": one.use,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from ...config import dump
 from ...config.routes import faster
 from ...config.rules import timing_faults
 from ...config.settings import Config
+from ...io.kept import Kept
 from ...tune.finer import validation
 from ...tune.methods.method import Progress
 from ...tune.problem import TuningProblem, in_units_of, pose, starts
@@ -175,27 +176,21 @@ class Study:
         return agvjax.simulate(law, cast(vehicle, jnp.result_type(float)), **config.timing())
 
 
-def search(
-    study: Study, known: Mapping[float, Tried], each: Callable[[Tried], None], begin: Callable[[float], None]
-) -> list[Tried]:
+def search(study: Study, kept: Kept[Tried], begin: Callable[[float], None]) -> list[Tried]:
     """All speeds tried: a grid, outward from the configured speed, then halves of the gap in which the answer lies.
 
     Args:
         study: the problem.
-        known: by factor, what was tried before.
-        each: called with every speed that was not known.
+        kept: what was tried before, which grows.
         begin: called with every factor before it is tried.
     """
     settings, tried = study.config.speed, []
 
     def look(factor: float) -> None:
         begin(factor)
-        if factor in known:
-            tried.append(known[factor])
-            return
         sound = [t for t in tried if not t.why]
-        tried.append(study.tune(factor, min(sound, key=lambda t: abs(np.log(t.factor / factor)), default=None)))
-        each(tried[-1])
+        near = min(sound, key=lambda t: abs(np.log(t.factor / factor)), default=None)
+        tried.append(kept.once(f"{factor:.6f}", lambda: study.tune(factor, near)))
 
     for factor in sorted(np.geomspace(settings.low, settings.high, settings.points).tolist(), key=_away):
         look(factor)

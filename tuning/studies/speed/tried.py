@@ -1,17 +1,8 @@
-"""Speeds that were tried: what each came to, what they say together, and a file each, so that a stopped run goes on."""
+"""Speeds that were tried: what each came to, and what they say together."""
 
 from __future__ import annotations
 
-import math
-from pathlib import Path
-from typing import Any, NamedTuple
-
-from agvjax import Fault, InputError
-
-from ...io import files
-from ...io.plain import from_json
-
-FOLDER = "speeds"
+from typing import NamedTuple
 
 
 class Tried(NamedTuple):
@@ -54,44 +45,3 @@ def answer(tried: list[Tried], within: float) -> Answer:
     if not held:
         return Answer(None, rising[0] if rising else None)
     return Answer(rising[held[-1]], rising[held[-1] + 1] if held[-1] + 1 < len(rising) else None)
-
-
-class Saved:
-    """The speeds tried of a run folder.
-
-    Attributes:
-        tried: by factor, as far as the run has come.
-    """
-
-    def __init__(self, out: Path):
-        """Read what is there.
-
-        Raises:
-            InputError: a file is damaged.
-        """
-        self.folder, self.tried = out / FOLDER, {}
-        for path in sorted(self.folder.glob("*.json")):
-            try:
-                found = _read(files.text(path))
-            except (OSError, ValueError, TypeError, KeyError) as error:
-                rule = f"a run whose files are whole; {path} cannot be read ({error})"
-                raise InputError([Fault("--resume", str(out), rule)]) from error
-            self.tried[found.factor] = found
-
-    def keep(self, tried: Tried) -> None:
-        """Write a speed."""
-        self.folder.mkdir(exist_ok=True)
-        files.write_json(self.folder / f"{tried.factor:.6f}.json", tried._asdict())
-
-
-def _read(text: str) -> Tried:
-    """A speed of its file; a number that JSON has no word for was infinite."""
-    table: dict[str, Any] = from_json(text)
-    if set(table) != set(Tried._fields):
-        raise ValueError(f"it must hold {', '.join(Tried._fields)}")
-    for name, value in table.items():
-        if isinstance(value, list):
-            table[name] = tuple(float(x) for x in value)
-        elif value is None:
-            table[name] = math.inf
-    return Tried(**table)

@@ -11,6 +11,7 @@ from agvjax.metric_table import METRICS, Followed
 from tuning.cli.main import main
 from tuning.config.load import load
 from tuning.ensemble.draws import sample
+from tuning.io.kept import Kept
 from tuning.studies.laws import followers, followers_page
 from tuning.studies.laws.followers import LABELS, Tuned
 from tuning.studies.laws.followers_page import SHOWN, rows, statements, table
@@ -92,7 +93,10 @@ def test_every_law_is_held_to_the_limits_of_the_configured_one(monkeypatch, tmp_
     config = load(["base"], SMALL, faults)
     few = {name: law for name, law in followers.laws(config).items() if name in ("path_pid", "stanley")}
     monkeypatch.setattr(followers, "laws", lambda config: few)
-    comparison, found = followers.compare(config, lambda name: None)
+    comparison, found = followers.compare(config, Kept(tmp_path / "tuned", followers.Searched), lambda name: None)
+    monkeypatch.setattr(followers, "search", None)
+    again = followers.compare(config, Kept(tmp_path / "tuned", followers.Searched), lambda name: None)[1]
+    jax.tree.map(np.testing.assert_array_equal, again, found)
     seen = sample(config.scenario, config.ensemble.draws, 4, config.seed)
 
     def means(law):

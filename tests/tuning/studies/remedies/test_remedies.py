@@ -13,7 +13,8 @@ from tuning.cli.main import main
 from tuning.config.load import load
 from tuning.config.settings import Limit
 from tuning.ensemble.draws import sample
-from tuning.studies.laws.followers import Found
+from tuning.io.kept import Kept
+from tuning.studies.laws.followers import Searched
 from tuning.studies.remedies import page, remedies, words
 from tuning.studies.remedies.knowing import knowing, values_of
 from tuning.studies.remedies.limits import at_actuators
@@ -170,9 +171,11 @@ def measured(distances, ok=None):
 
 def made(after, noisy=None, excess=0.0, over=(), ok=None, use=1.0):
     remedy = remedies.Remedy(agvjax.PathPID(), ("k_y",))
-    found = Found(agvjax.PathPID(), ("k_y",), excess, 3, 40, 400)
+    found = Searched((0.0,), excess, 3, 40, 400)
     pair = (measured(after, ok), measured(after if noisy is None else noisy, ok))
-    return Judged(remedy, found, list(over), (measured([0.1] * 4), measured([0.1] * 4)), pair, use)
+    return Judged(
+        remedy, remedy.law, remedy.gains, found, list(over), (measured([0.1] * 4), measured([0.1] * 4)), pair, use
+    )
 
 
 def test_the_conclusion_is_that_of_numbers_known_by_hand():
@@ -255,7 +258,8 @@ tune.dt=0.01 simulate.dt=0.01
 @pytest.mark.usefixtures("promotion_as_optax_has_it")
 def test_on_a_base_an_inverse_that_knows_it_is_nearer_than_nothing():
     study = Study(load(["base"], [*SMALL, 'controller.inner="path_pid"'], faults))
-    nothing, knowing_it = (study.tune(study.remedies.found[name]) for name in ("nothing", "identified"))
+    kept = Kept(None, Searched)
+    nothing, knowing_it = (study.tune(name, study.remedies.found[name], kept) for name in ("nothing", "identified"))
     assert nothing.found.excess == 0 and knowing_it.found.excess == 0
     gap = words.difference(knowing_it.after[0], nothing.after[0], "cross_track_late")
     assert gap.mean > 0 and gap.better > 0.5

@@ -19,7 +19,7 @@ from tuning.config.routes import faster
 from tuning.studies.speed.page import sentences
 from tuning.studies.speed.place import farthest
 from tuning.studies.speed.study import at, fastest, long_enough
-from tuning.studies.speed.tried import Saved, Tried, answer
+from tuning.studies.speed.tried import Tried, answer
 from tuning.tune.finer import validation
 
 
@@ -57,16 +57,6 @@ def test_what_is_not_known_is_said():
 @pytest.mark.parametrize("spoilt", [{"diverged": 1}, {"excess": 0.1}, {"why": "no gradient", "excess": math.inf}])
 def test_a_speed_does_not_hold_where_runs_diverge_or_limits_are_not_met(spoilt):
     assert tried(1.0, 0.02).holds(0.05) and not tried(1.0, 0.02, **spoilt).holds(0.05)
-
-
-def test_a_speed_tried_is_read_as_it_was_written(tmp_path):
-    made = [tried(1 / 3, 0.1 + 0.2), tried(2.0, math.inf, mean=math.inf, outside=math.inf, diverged=4, z=(), gains=())]
-    for one in made:
-        Saved(tmp_path).keep(one)
-    assert Saved(tmp_path).tried == {one.factor: one for one in made}
-    (tmp_path / "speeds" / "2.000000.json").write_text("{")
-    with pytest.raises(agvjax.InputError, match=r"--resume.*2\.000000\.json"):
-        Saved(tmp_path)
 
 
 def test_the_place_that_binds_is_after_the_start_and_in_a_corridor_nearest_to_a_side():
