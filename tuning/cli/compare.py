@@ -20,8 +20,6 @@ from .console import Console, failing
 from .folders import begin
 from .prepare import configure
 
-FOLDER = "tuned"  # of what searches found
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune every law to one command budget; write table, figure and report.
@@ -44,13 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _papers(console: Console, config: Config, out: Path) -> str:
     with console.parts("tuning", len(study.laws(config.controller)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = study.compare(config, Kept(out / FOLDER, study.Searched), tick)
+        comparison, tuned = study.compare(config, Kept(out / "laws", study.Searched), tick)
     return page.write(comparison, tuned, out)
 
 
 def _followers(console: Console, config: Config, out: Path) -> str:
     with console.parts("tuning", len(followers.laws(config)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = followers.compare(config, Kept(out / FOLDER, followers.Searched), tick)
+        comparison, tuned = followers.compare(config, Kept(out / "laws", followers.Searched), tick)
     return followers_page.write(comparison, tuned, out)
 
 
@@ -62,7 +60,7 @@ def _remedies(arguments: argparse.Namespace, console: Console, config: Config) -
         count = len(asked.remedies.found)
     out = begin(arguments, config)
     with console.parts("tuning", count + 2, "remedies", (RuntimeError, ValueError)) as tick:
-        tuned, wrong = remedies_study.compare(asked, Kept(out / FOLDER, followers.Searched), tick)
+        tuned, wrong = remedies_study.compare(asked, Kept(out / "remedies", followers.Searched), tick)
     text = remedies_page.write(asked, tuned, wrong, out)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0
