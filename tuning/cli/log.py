@@ -34,7 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     out = new_folder(arguments.out, arguments.command)
     text = recorded.write(recording, found, rows, out, doubts)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
-    return 0 if {"pose", "command"} <= set(found) and not doubts else 1
+    wrong = [*doubts, *(recorded.unfit(rows) if rows is not None else ())]
+    return 0 if {"pose", "command"} <= set(found) and not wrong else 1
 
 
 def reading(arguments: argparse.Namespace) -> dict[str, object]:

@@ -89,6 +89,8 @@ def track_of(
         except ValueError as error:
             wrong("file", file, f"a track ({error})")
         note(f"{file}: {words}" if bag else words)
+        if not {"t", "speed"} & {*columns, *table}:
+            note(f"{file}: it has no speeds: 1 m/s (scenario.path.speed)")
     else:
         columns = columns_of(table, ("x", "y"), optional, note)
     try:

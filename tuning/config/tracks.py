@@ -11,6 +11,7 @@ from ..io import drives
 
 FAR = 1000.0  # m from a map's origin, from which on a path is counted from its own beginning
 SPOKEN = 1.0  # s of standing still that are worth a word
+SLOW = 0.01  # m/s, below which nothing is driven: times are then in another unit
 
 
 class Track(NamedTuple):
@@ -64,8 +65,8 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
     if speed is not None:
         speed = speed[kept.rows]
     elif t is not None and not fixed:
-        speed, stood = drives.speeds(points, t, kept)
-        said.append("speeds are those at which it was driven" + (f", {stood:.0f} s at rest apart" * (stood > SPOKEN)))
+        speed, words = _driven(points, t, kept)
+        said.append(words)
     if speed is not None and not fixed:
         speed, still = drives.moving(speed)
         crawl = f"{drives.CRAWL:.0%} of the largest"
@@ -75,3 +76,17 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
     both = "left" in columns and "right" in columns
     widths = np.column_stack([columns["left"], columns["right"]])[kept.rows] if both else None
     return Track(points[kept.rows], speed, widths, said)
+
+
+def _driven(points: np.ndarray, t: np.ndarray, kept: drives.Thinned) -> tuple[np.ndarray, str]:
+    """The speed at each waypoint by the times of a drive, and the words for it.
+
+    Raises:
+        ValueError: nothing is driven so slowly.
+    """
+    speed, stood = drives.speeds(points, t, kept)
+    if not speed.max() >= SLOW:
+        mended = 'if they are in ms, say columns = { t = { column = "its name", unit = "ms" } }, or speed'
+        raise ValueError(f"by its times it was driven at {speed.max():.2g} m/s at most; {mended}")
+    words = f"speeds are those at which it was driven, {speed.min():.3g} to {speed.max():.3g} m/s"
+    return speed, words + f", {stood:.0f} s at rest apart" * (stood > SPOKEN)

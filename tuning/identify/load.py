@@ -20,6 +20,7 @@ from ..io import logs as recordings
 from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
 from ..io.headings import unwrapped
 from ..io.logs.roles import chosen
+from ..io.logs.rows import Rows
 from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
 from .plausible import AS_QUATERNION, implausible
@@ -72,12 +73,13 @@ def load(
     asked = [name for name in columns if name in (*MEASURED, *ON_EARTH) and name in where]  # so it must be there
     must, may = ([part for name in ns for part in where[name].parts] for ns in ((*needed, *asked), where))
     blank = [part for name in (*MEASURED, *ON_EARTH) if name in where for part in where[name].parts]  # cells may be
-    must, time = list(dict.fromkeys(must)), where["t"]
+    must, time, notes = list(dict.fromkeys(must)), where["t"], ()
     more = [part for part in may if part not in must]
     try:
         if recordings.is_recording(file):
             here = {name: where[name] for name in columns if name in where}  # the others stand where their types say
-            values = _recorded(file, here, {*itertools.chain(*tongues)}, topics, stamps, count)
+            rows = _recorded(file, here, {*itertools.chain(*tongues)}, topics, stamps, count)
+            values, notes = rows.columns, rows.notes
             values = {name: x for name, x in values.items() if columns.get(name) != NONE}  # empty: not to be read
             tongue = tongue or _tongue(tongues, values)
             values = _told(values, (*pose, *asked), tongue)
@@ -85,6 +87,8 @@ def load(
             table = read(file, must, more, LEAST_ROWS, time.column, blank, time.nanoseconds)
             count(len(table[time.column]))
             values = {name: place.values(table) for name, place in where.items() if {*place.parts} <= table.keys()}
+            if tongue is None and len(both := [t for t in tongues if all(name in values for name in t)]) > 1:
+                raise ValueError(_twice(both))
             tongue = tongue or _tongue(tongues, values)
         if "lat" in pose:
             values |= _in_plane(file, values["lat"], values["lon"])
@@ -99,9 +103,9 @@ def load(
     seen = {name: values[name] for name in MEASURED if name in values}
     into = functools.partial(inputs_of, plant) if isinstance(plant, Driven) and tongue == TWIST else np.asarray
     spoken = Sent(tongue, given, into)
-    log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken)
+    log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken, notes)
     if faults := implausible(log, where, not plant.commands_heading):
-        raise agvjax.InputError(faults)
+        raise agvjax.InputError([_by_its_file(fault, log, recordings.is_recording(file)) for fault in faults])
     return _from_ahead(log._replace(measured={**seen, "heading": unwrapped(seen["heading"])}), ahead)
 
 
@@ -112,8 +116,8 @@ def _recorded(
     topics: Mapping[str, str],
     stamps: str,
     count: Count,
-) -> dict[str, np.ndarray]:
-    """The columns of a recording by our names, as a topic's type tells them or as they are named, TOPIC.FIELD.
+) -> Rows:
+    """The rows of a recording by our names, as a topic's type tells them or as they are named, TOPIC.FIELD.
 
     Raises:
         ValueError: it cannot be read.
@@ -122,7 +126,8 @@ def _recorded(
     if "t" in named:
         raise ValueError(f"t = {named['t'].words} must be left out: a recording has the times of its messages")
     found = chosen(recording, topics, list(named))
-    return rows_of(recording, found, named, commands, stamps).columns
+    rows = rows_of(recording, found, named, commands, stamps)
+    return rows._replace(notes=(*(f"missing: {line}" for line in recording.lost), *rows.notes))
 
 
 def _told(table: Mapping[str, np.ndarray], must: Sequence[str], commands: Sequence[str]) -> dict[str, np.ndarray]:
@@ -180,6 +185,22 @@ def _tongue(tongues: Sequence[tuple[str, ...]], values: Mapping[str, np.ndarray]
         if all(name in values for name in tongue):
             return tongue
     raise ValueError(f"it has no columns {', nor '.join(' and '.join(tongue) for tongue in tongues)}")
+
+
+def _by_its_file(fault: Fault, log: Log, recorded: bool) -> Fault:
+    """A fault of times, which of a recording no column can be named for."""
+    if not recorded or fault.key != "identify.columns.t":
+        return fault
+    rule = f"a recording of a control loop: its rows are {log.step:.3g} s apart"
+    return Fault("LOG.csv", log.name, f'{rule}; of a folder of tables, times in ms stand in a column "timestamp [ms]"')
+
+
+def _twice(tongues: Sequence[tuple[str, ...]]) -> str:
+    """What is said of a file in which commands may stand under several names: one pair may be what was measured."""
+    listed = " and ".join(", ".join(tongue) for tongue in tongues)
+    blank = ", ".join(f'{name} = ""' for name in tongues[0])
+    kept = ", ".join(f'{name} = "{name}"' for name in tongues[0])
+    return f"it has {listed}: say which are the commands, {kept} or {blank} in [identify.columns]"
 
 
 def _from_ahead(log: Log, ahead: float) -> Log:

@@ -36,6 +36,7 @@ class Log(NamedTuple):
     commands: tuple[str, ...]  # names of the inputs
     measured: dict[str, np.ndarray]  # by channel (N,); NaN where nothing was measured
     spoken: Sent | None = None  # None: the file has the inputs themselves, by their own names
+    notes: tuple[str, ...] = ()  # how it was read, a sentence each
 
     @property
     def sent(self) -> Sent:

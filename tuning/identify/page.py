@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from . import figures
 from .coverage import Covered
 from .excitation import Drive
 from .left import against
-from .log import in_files
+from .log import Log, in_files
 from .posterior import ESTIMATES, SCENARIO, posterior
 from .run import Identified
 from .verdict import FitVerdict
@@ -243,7 +244,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
             METHOD,
             _picture("predictions"),
         ]
-    parts += [f"## {READ}", "\n".join(f"- {log.name}" for log in result.task.logs)]
+    parts += [f"## {READ}", _logs(result.task.logs)]
     parts += [grid(["", "count"], [[COUNTED[name], n] for name, n in counts.items()])]
     parts += [
         "## Residuals",
@@ -252,6 +253,11 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
     ]
     parts += ["## Tune for it", TUNE] if result.verdict.identified else []
     return "\n\n".join(parts) + "\n"
+
+
+def _logs(logs: Sequence[Log]) -> str:
+    """The logs, and below each how it was read."""
+    return "\n".join("\n".join([f"- {log.name}", *(f"    - {note}" for note in log.notes)]) for log in logs)
 
 
 def _picture(name: str) -> str:

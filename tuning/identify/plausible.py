@@ -18,8 +18,10 @@ from .segments import leaps
 CLEAR = 5.0  # times its noise: a motion by which a unit or a heading can be judged
 WILD = 1e4  # times what is usual
 WRONG, LOST = 0.3, 0.7  # of a motion that a measurement of it is off, in the median, to be taken for something else
+BACK = 0.05  # share of the time that a vehicle goes backwards, from which on a speed must have been negative
 BODY = "it is in the frame of the vehicle, forwards and to the left"
 OTHER = "it is of the other sign"
+UNSIGNED = "it has no sign, where the vehicle goes backwards"
 RATES = {
     "vx": "how fast x changes",
     "vy": "how fast y changes",
@@ -93,7 +95,7 @@ def _rates(log: Log, where: Mapping[str, Column], rows: np.ndarray, suspect: Cal
     readings = {  # what a channel may be, the first of them what it is taken for
         "vx": {"": vx, BODY: along, "x and y are exchanged": vy, OTHER: -vx},
         "vy": {"": vy, BODY: across, "x and y are exchanged": vx, OTHER: -vy},
-        "speed": {"": along, "it has no sign, where the vehicle goes backwards": forth, OTHER: -along},
+        "speed": {"": along, UNSIGNED: forth, OTHER: -along},
         "yaw_rate": {"": turn, OTHER: -turn},
     }
     for name in [name for name in readings if name in log.measured]:
@@ -107,7 +109,10 @@ def _rates(log: Log, where: Mapping[str, Column], rows: np.ndarray, suspect: Cal
             continue
         off = {words: _off(seen, rate, size, least) for words, rate in ways.items()}
         best = min(off, key=lambda words: off[words])
-        if off[""] > WRONG and off[best] < WRONG / 2:
+        lost = name == "speed" and np.nanmin(seen) > -least and np.mean(along[np.isfinite(along)] < -least) > BACK
+        if lost:
+            faults.append(_not_the_rate(name, where[name].column, log, UNSIGNED))
+        elif off[""] > WRONG and off[best] < WRONG / 2:
             faults.append(_not_the_rate(name, where[name].column, log, best))
         elif off[""] > LOST:
             faults.append(_not_the_rate(name, where[name].column, log, "it fits no sign and no frame"))
@@ -185,6 +190,7 @@ TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
     "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
     "it is where heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
+    "it is where x and y, or the heading, are turned by a quarter, 1.5708 rad to one side": lambda h: h + np.pi / 2,
 }
 SKEW = 0.05  # rad, between where a vehicle looks and where it goes: more is another frame, or a sensor mounted so
 HALF = 3.0  # times closer it comes with twice the angle, to be taken for a part of a quaternion

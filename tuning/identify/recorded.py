@@ -15,7 +15,7 @@ from ..io.pages import grid, picture, publish
 from ..io.panels import panels
 from ..io.pictures import write_figures
 from .coverage import motions
-from .log import POSE, Log
+from .log import LEAST_ROWS, POSE, Log
 from .plain import twists
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ BY_NAME = (
 )
 STILL = 0.02  # m/s, and rad/s, below which a vehicle stands and does not turn
 SMALL = 0.25  # of the largest command: what is less is small, where a deadzone shows
+FAR = 1.0  # s from message to message, from which on no control loop is seen
 LEAST = 20.0  # s of a kind of driving, from which on something can be learned of it
 
 
@@ -77,10 +78,33 @@ def _line(stream: Stream, stamps: str) -> tuple[object, ...]:
     return (stream.topic, stream.kind.rpartition("/")[2], stream.size, rate, gaps, told, whose, roles)
 
 
-def verdict(found: Mapping[str, tuple[Stream, Role]], driven: list[Share], doubts: Sequence[str]) -> list[str]:
+def unfit(rows: Rows) -> list[str]:
+    """Why nothing can be identified from these rows, though every topic is there."""
+    table = rows.columns
+    commands = [table[name] for name in COMMANDS if name in table]
+    known = np.logical_and.reduce([np.isfinite(one) for one in commands]) if commands else np.zeros(0, bool)
+    if not commands or "x" not in table:
+        return []
+    step = float(np.median(np.diff(table["t"])))
+    if step >= FAR:
+        mended = 'of a table, times in ms stand in a column "timestamp [ms]"'
+        return [f"messages are {step:.3g} s apart, too far for a control loop; {mended}"]
+    if known.sum() < LEAST_ROWS:
+        return [f"every command is known in {known.sum()} rows, fewer than {LEAST_ROWS}"]
+    if not any(np.any(one[known] != 0) for one in commands):
+        return ["nothing was commanded"]
+    pose = [table[name][np.isfinite(table[name])] for name in POSE]
+    return ["the pose never changes"] if not any(np.ptp(one) > 0 for one in pose if one.size) else []
+
+
+def verdict(
+    found: Mapping[str, tuple[Stream, Role]], driven: list[Share], doubts: Sequence[str], against: Sequence[str] = ()
+) -> list[str]:
     """What the recording is good for, a sentence each, the first one first."""
     if lacks := missing(found):
         return [f"Not good for identification: {'; '.join([*lacks, *doubts])}.", BY_NAME]
+    if against:
+        return [f"Not good for identification: {'; '.join([*against, *doubts])}."]
     if doubts:
         taken = ", ".join(stream.topic for name, (stream, _) in found.items() if name in ("pose", "command"))
         return [f"Good for identification once this is said: {'; '.join(doubts)}.", f"Looked at here: {taken}."]
@@ -124,7 +148,8 @@ def write(
     stamps = rows.stamps if rows is not None else "arrival"
     drive = rows if rows is not None and "x" in rows.columns else None
     driven = shares(drive) if drive is not None else []
-    said, topics = verdict(found, driven, doubts), table(recording, stamps)
+    said = verdict(found, driven, doubts, unfit(rows) if rows is not None else ())
+    topics = table(recording, stamps)
     notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows is not None else ())]
     sections = [f"# What {recording.name} holds", *said]
     if drive is not None:

@@ -11,6 +11,7 @@ from .numbers import real
 
 COMMENTS = ("#", "//", "% ")  # what begins a line that is none of the rows; before the first row one may be the header
 SEPARATORS = ";\t,"  # the first of them that the header has; without one, columns are separated by spaces
+EMPTY = SEPARATORS + " "  # what a row is made of that has no cell with something in it
 DECIMAL = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)  # a number with a decimal comma
 
 
@@ -20,8 +21,10 @@ def split(text: str) -> list[tuple[int, list[str]]]:
     for number, line in enumerate(text.splitlines(), 1):
         if line.lstrip().startswith(COMMENTS):
             comments += [] if lines else [(number, line.lstrip().lstrip("#/%"))]
-        elif line.strip(SEPARATORS + " "):
+        elif line.strip(EMPTY) or (lines and line.strip()):  # a row of empty cells may be a hole: it is not passed over
             lines.append((number, line))
+    while lines and not lines[-1][1].strip(EMPTY):
+        lines.pop()
     rows = _cells(lines)
     if not rows or sum(map(is_word, rows[0][1])) > sum(map(is_number, rows[0][1])):  # a row may have words too: on, off
         return rows
@@ -65,7 +68,7 @@ def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
     spaces = mark == " "
     texts = [line.strip() if spaces else line for _, line in lines]
     reader = csv.reader(texts, delimiter=mark, skipinitialspace=spaces)
-    rows = [(lines[reader.line_num - 1][0], row) for row in reader if any(cell.strip() for cell in row)]
+    rows = [(lines[reader.line_num - 1][0], row) for row in reader if row]
     return rows if mark == "," else _with_points(rows)  # where commas separate, one in quotes may be of a thousand
 
 

@@ -13,6 +13,7 @@ FINEST, COARSEST, RATIO = 1e-4, 0.1, 2**0.5  # of a track's extent: the spacings
 SHARP, CORNERS = np.pi / 3, 0.02  # rad, a turn beyond which a point is a corner; what share of points may be corners
 SHAKEN = 0.1  # rad, by which most turns differ from the one before at most: beyond it is noise
 PARTS = 5  # of the way between two waypoints
+STOPPED, REST = 0.2, 1.0  # of the speed on the ways beside it, on a way with a stop; s that this takes at least
 STILL, CRAWL = 1e-3, 0.05  # of the largest speed: below it a vehicle stands; what is driven there instead
 
 
@@ -86,18 +87,25 @@ def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray
     """The speed [m/s] at each waypoint, and how long [s] the vehicle stood still, which does not count.
 
     The way between two waypoints is cut into `PARTS`, of which the one with the median time tells the speed: standing
-    is in one of them, or in two. At a waypoint the speed is the mean of the ways on both sides.
+    is in one of them, or in two. Where there are too few instants for that, a way driven `STOPPED` times as fast as
+    those beside it is one on which the vehicle stood. At a waypoint the speed is the mean of the ways on both sides.
     """
-    way, stood = [], 0.0
+    way, lengths, stood = [], [], 0.0
     for i, j in zip(kept.rows[:-1], kept.rows[1:], strict=True):
         line = points[j] - points[i]
         progress = np.maximum.accumulate((points[i : j + 1] - points[i]) @ line / (line @ line))
         first = np.r_[True, np.diff(progress) > 0]  # instants at which it was never so far before
         times = np.diff(np.interp(np.linspace(0, 1, PARTS + 1), progress[first], t[i : j + 1][first]))
         moved = PARTS * float(np.median(times))
-        way.append(np.hypot(*line) / moved)
+        way.append(float(np.hypot(*line)) / moved)
+        lengths.append(float(np.hypot(*line)))
         whole = float(t[j] - t[i])
         stood += whole - moved if whole > 2 * moved else 0.0
+    beside = [(a + b) / 2 for a, b in zip(way[:-2], way[2:], strict=True)]
+    for k, usual in enumerate(beside, 1):
+        if way[k] < STOPPED * usual and lengths[k] * (1 / way[k] - 1 / usual) > REST:
+            stood += lengths[k] * (1 / way[k] - 1 / usual)
+            way[k] = usual
     begin, end = way[:1], way[-1:]
     return (np.array([*begin, *way]) + np.array([*way, *end])) / 2, stood
 

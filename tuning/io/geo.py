@@ -15,6 +15,7 @@ LARGEST_FILE = 100_000_000  # bytes of a track
 EXTRA = "pip install 'agvjax[tracks]'"
 DEGREES = "EPSG:4326", "CRS84"  # what a GeoJSON file says, if anything, of coordinates in degrees
 MOST = (180.0, 90.0)  # longitude and latitude, either way
+STRETCHED = 0.01  # by how much a map's metres may be off
 
 Part = Any  # what JSON may hold, or a library
 Track = tuple[dict[str, np.ndarray], str]  # columns by our names, in SI units; and what a person should know of them
@@ -22,7 +23,7 @@ Track = tuple[dict[str, np.ndarray], str]  # columns by our names, in SI units; 
 
 def is_geo(file: str) -> bool:
     """Whether a file's name says that it is no CSV file."""
-    return Path(file).suffix.lower() in (".gpx", ".geojson", ".json")
+    return Path(file).suffix.lower() in (".gpx", ".geojson", ".json", ".kml")
 
 
 def read(file: str) -> Track:
@@ -31,6 +32,8 @@ def read(file: str) -> Track:
     Raises:
         ValueError: names the file and what is wrong with it, or says what has to be installed.
     """
+    if Path(file).suffix.lower() == ".kml":
+        raise ValueError(f"{file}: KML is not read; convert it to GPX or GeoJSON")
     try:
         text = files.text(Path(file), LARGEST_FILE)
     except (OSError, ValueError) as error:
@@ -93,6 +96,9 @@ def _gpx(file: str, text: str) -> Track:
         if np.any(np.diff(columns["t"]) <= 0):
             del columns["t"]
             words += "; its times are not read, they do not increase"
+    elif any(times):
+        first = 1 + next(i for i, time in enumerate(times) if not time)
+        words += f"; its times are not read, point {first} has none"
     return columns, f"{file}: {words}"
 
 
@@ -116,15 +122,20 @@ def _geojson(file: str, text: str) -> Track:
     if rows.ndim != 2 or rows.shape[1] != 2 or not np.all(np.isfinite(rows)):
         raise ValueError(f"{file}: a point of a line must have two finite coordinates at least")
     crs = whole.get("crs") if isinstance(whole, Mapping) else None
-    named = crs.get("properties", {}).get("name", "") if isinstance(crs, Mapping) else ""
+    properties = crs.get("properties") if isinstance(crs, Mapping) else None
+    named = properties.get("name", "") if isinstance(properties, Mapping) else ""
     if named and not str(named).replace("::", ":").endswith(DEGREES):
-        return {"x": rows[:, 0], "y": rows[:, 1]}, f"{file}: x and y are those of {named}{_metres(file, str(named))}"
+        _metres(file, str(named), rows[0])
+        return {"x": rows[:, 0], "y": rows[:, 1]}, f"{file}: x and y are those of {named}"
     x, y, words = plane(file, rows[:, 1], rows[:, 0])
     return {"x": x, "y": y}, f"{file}: {words}"
 
 
-def _metres(file: str, named: str) -> str:
-    """Nothing, where a map's coordinates are metres to the east and to the north."""
+def _metres(file: str, named: str, first: np.ndarray) -> None:
+    """Refuse a map whose coordinates (2,) are not metres to the east and to the north, or no true ones.
+
+    A map of the whole earth, as web pages show it, is 1.5 times too large in the middle of Europe.
+    """
     library = _library("pyproj")
     try:
         crs = library.CRS.from_user_input(named)
@@ -132,7 +143,15 @@ def _metres(file: str, named: str) -> str:
         raise ValueError(f"{file}: pyproj knows no coordinates {named}") from error
     if not crs.is_projected or any(axis.unit_name not in ("metre", "meter") for axis in crs.axis_info):
         raise ValueError(f"{file}: its coordinates, {named}, must be degrees of WGS 84 or metres of a projected map")
-    return ""
+    projected = library.Proj(crs)
+    try:
+        there = projected.get_factors(*projected(*first, inverse=True))
+    except library.exceptions.ProjError as error:
+        raise ValueError(f"{file}: point 1, {first[0]:.9g}, {first[1]:.9g}, lies outside the map {named}") from error
+    scale = max(there.meridional_scale, there.parallel_scale, key=lambda x: abs(x - 1))
+    if not abs(scale - 1) <= STRETCHED:
+        rule = "must be true to within 1 %, as those of UTM are, or degrees of WGS 84"
+        raise ValueError(f"{file}: metres of {named} {rule}; at point 1 they are {scale:.3g} times too long")
 
 
 def _shapes(node: Part) -> list[Part]:

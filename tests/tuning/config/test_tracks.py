@@ -248,3 +248,21 @@ def test_a_spline_of_a_route_that_swings_out_is_said_and_rounded_corners_are_not
     assert "a route with radius or tolerance is of straight lines" in text
     assert text[text.index("leaves") : text.index("of their")] == curve[curve.index("leaves") : curve.index("of their")]
     assert "leaves" not in " ".join(whereabouts.notes(load([], [path[:-1] + ",tolerance=0.1}"])))
+
+
+def test_times_in_milliseconds_are_told_by_how_slowly_it_would_be_driven(tmp_path):
+    rows = [(1000 * k, 2 * np.cos(0.1 * k), np.sin(0.1 * k)) for k in range(40)]
+    with pytest.raises(agvjax.InputError, match=r"0\.0002 m/s at most; if they are in ms, say columns"):
+        track(written(tmp_path, "t,x,y", rows))
+    told = '{ t = { column = "t", unit = "ms" } }'
+    assert any("it was driven, 0.1" in words for words in track(written(tmp_path, "t,x,y", rows), columns=told)[1])
+
+
+def test_a_row_of_empty_cells_is_a_hole_and_at_the_end_nothing(tmp_path):
+    lines = [f"{k},{0.1 * k * k},1" for k in range(8)]
+    file = tmp_path / "track.csv"
+    file.write_text("\n".join(["x,y,speed", *lines, ",,", ""]))
+    assert len(track(file)[0].scenario.path.points) == 8
+    file.write_text("\n".join(["x,y,speed", *lines[:4], ",,", *lines[4:]]))
+    with pytest.raises(agvjax.InputError, match="row 6, column x: '' must be a finite number"):
+        track(file)

@@ -73,13 +73,33 @@ def test_a_twist_becomes_the_speeds_of_the_wheels(log_of):
     np.testing.assert_allclose(log.inputs, np.column_stack([left, right]), rtol=1e-5, atol=1e-6)
 
 
-def test_the_wheels_own_speeds_go_before_a_twist_unless_it_is_named(log_of):
+def test_of_commands_under_two_names_it_must_be_said_which_they_are(log_of):
+    """One of them may be what the wheels were measured to do."""
     drive = driven()
     both = drive | {"left": 0 * drive["t"] + 0.1, "right": 0 * drive["t"] + 0.2}
-    assert log_of(both).inputs[5].tolist() == pytest.approx([0.1, 0.2])
+    with pytest.raises(agvjax.InputError, match=r"left, right and cmd_v, cmd_w.*which are the commands"):
+        log_of(both)
+    assert log_of(both, places={"left": Column("left")}).inputs[5].tolist() == pytest.approx([0.1, 0.2])
+    assert log_of(both, places={"left": Column(""), "right": Column("")}).inputs[5, 0] != pytest.approx(0.1)
     named = {"cmd_v": Column("cmd_v"), "cmd_w": Column("cmd_w", "deg/s")}
     turn = np.deg2rad(drive["cmd_w"][5])
     assert log_of(both, places=named).inputs[5, 1] == pytest.approx(drive["cmd_v"][5] + 0.3 * turn, rel=1e-5)
+
+
+def test_a_speed_without_a_sign_is_known_though_the_vehicle_seldom_goes_backwards(log_of):
+    drive = driven()
+    back = drive["cmd_v"] < 0.4  # a third of the time: turned round, and going on
+    psi = drive["heading"] + np.pi * back
+    shown = without(drive, "heading", heading=psi, speed=np.abs(drive["cmd_v"]))
+    with pytest.raises(agvjax.InputError, match="identify.columns.speed.*it has no sign"):
+        log_of(shown)
+    log_of(shown | {"speed": np.where(back, -drive["cmd_v"], drive["cmd_v"])})
+
+
+def test_a_frame_turned_by_a_quarter_is_named(log_of):
+    drive = driven()
+    with pytest.raises(agvjax.InputError, match="turned by a quarter"):
+        log_of(drive | {"x": -drive["y"], "y": drive["x"]})
 
 
 def test_a_steering_angle_is_commanded_beside_the_speed_that_is_measured(log_of):

@@ -69,3 +69,14 @@ def test_where_the_speed_is_zero_a_crawl_stands_in_the_direction_of_what_is_near
     assert still == 3
     np.testing.assert_allclose(speed, [0.1, 2.0, 0.1, -1.0, -0.1])
     assert drives.moving(np.zeros(3))[1] == 0 and drives.moving(np.ones(3))[1] == 0
+
+
+@pytest.mark.parametrize("fixes", [1, 61])
+def test_a_stop_between_two_points_of_a_slow_log_is_no_slow_driving(fixes):
+    """1 m/s at 1 Hz, and a minute at rest at the tenth point: in one step, or with a fix a second."""
+    x, stop = np.arange(30.0), np.full(fixes - 1, 10.0)
+    points = np.column_stack([np.concatenate([x[:11], stop, x[11:]]), np.zeros(30 + fixes - 1)])
+    t = np.concatenate([np.arange(11.0), 10 + np.arange(1.0, fixes), 71 + np.arange(19.0)])
+    speed, stood = drives.speeds(points, t, drives.Thinned(drives.apart(points, 0.5), 0.5))
+    np.testing.assert_allclose(speed, 1.0)
+    assert stood == pytest.approx(60.0)

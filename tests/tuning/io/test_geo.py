@@ -91,11 +91,30 @@ def test_segments_of_a_track_are_joined_and_their_gaps_said(tmp_path):
         ("a.geojson", line(rows=((11.0,), (11.0, 48.0))), "two finite coordinates|list of numbers"),
         ("a.geojson", line(crs="urn:ogc:def:crs:EPSG::3"), "knows no coordinates"),
         ("a.geojson", line(crs="urn:ogc:def:crs:EPSG::4258"), "must be degrees of WGS 84 or metres"),
+        # 1 / cos(48 deg) = 1.494, of the sphere; of the ellipsoid's east 1.49
+        (
+            "a.geojson",
+            line(crs="urn:ogc:def:crs:EPSG::3857", rows=((1224514.0, 6106854.0), (1224614.0, 6106854.0))),
+            "1.49 times too long",
+        ),
+        ("a.geojson", line(crs="EPSG:25832", rows=((1e9, 5e6), (1e9, 6e6))), "too long|outside the map"),
+        ("a.kml", "<kml/>", "KML is not read; convert it to GPX or GeoJSON"),
     ],
 )
 def test_a_file_that_is_no_single_line_says_what_it_is(tmp_path, name, content, said):
     with pytest.raises(ValueError, match=said):
         geo.read(written(tmp_path, name, content))
+
+
+def test_a_system_of_coordinates_without_a_name_is_none(tmp_path):
+    text = json.dumps(line() | {"crs": {"type": "name", "properties": None}})
+    assert "to the east" in geo.read(written(tmp_path, "a.geojson", text))[1]
+
+
+def test_a_point_without_a_time_is_named(tmp_path):
+    lacks = GPX.format("").replace("<time>", "<extensions>", 1).replace("</time>", "</extensions>", 1)
+    columns, words = geo.read(written(tmp_path, "a.gpx", lacks))
+    assert "t" not in columns and "its times are not read, point 1 has none" in words
 
 
 def test_without_the_library_it_is_named_with_its_extra(tmp_path, monkeypatch):

@@ -70,8 +70,11 @@ def _reader(path: Path) -> str:
         raise ValueError(f"{path} is not there")
     module, libraries = READERS.get(path.suffix.lower(), FOLDER)
     if path.is_dir():
+        packed = sorted(part.name for part in path.iterdir() if part.suffix in (".zst", ".gz", ".lz4"))
         bag = any(part.suffix in (".mcap", ".db3") for part in path.iterdir())
         module, libraries = TABLES if not bag and tables.files(path) else FOLDER
+        if packed and not bag and module == FOLDER[0]:
+            raise ValueError(f"its file is compressed: unpack {packed[0]} first")
     if missing := [name for name in libraries if importlib.util.find_spec(name) is None]:
         raise ValueError(f"{', '.join(missing)} must be installed to read {path.name}: pip install 'agvjax[logs]'")
     return module

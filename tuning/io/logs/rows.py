@@ -15,6 +15,7 @@ from .roles import Role, Values
 
 TOGETHER = 0.5  # 1: all commands change at the same part of a row's step; 0: at any
 SHORTEST, MOST_ROWS = 0.002, 5_000_000  # s, a row's step at least; rows
+EARLY = 0.02  # s, by which a stamp may be later than its arrival, of clocks that are kept together
 NOTHING_NAMED: Mapping[str, Column] = {}
 
 
@@ -41,6 +42,8 @@ def stamps_of(streams: Sequence[Stream], asked: str = "auto") -> tuple[str, str]
         raise ValueError(f"no stamps of senders, only times of arrival: {', '.join(bare)} have none")
     if asked == "arrival" or not apart:
         return "arrival", "times are those of arrival" + ("" if apart else ": no message has a stamp of its sender")
+    if asked == "auto" and (words := next(filter(None, map(_impossible, streams)), "")):
+        return "arrival", f"times are those of arrival: {words}"
     late = [*apart.values(), *[0.0] * bool(bare)]
     if asked == "auto" and max(late) - min(late) > CLOCKS:
         topic = max(apart, key=lambda name: abs(apart[name]))
@@ -49,6 +52,30 @@ def stamps_of(streams: Sequence[Stream], asked: str = "auto") -> tuple[str, str]
     listed = ", ".join(f"{topic} {1e3 * x:.3g} ms" for topic, x in apart.items())
     more = f"; of arrival for {', '.join(bare)}, which has none" if bare else ""
     return "header", f"times are those of the senders (arrival later by {listed}){more}"
+
+
+def _impossible(stream: Stream) -> str:
+    """Why the stamps of a sender cannot be times of one clock, that of the recorder; empty where they can be."""
+    if stream.header is None:
+        return ""
+    back = np.diff(stream.header) * 1e-9
+    if back.size and back.min() < -CLOCKS:
+        after = (stream.arrival[int(back.argmin()) + 1] - stream.arrival[0]) * 1e-9
+        return f"stamps of {stream.topic} go back by {-back.min():.3g} s, {after:.4g} s after its first message"
+    early = float(np.median(stream.header - stream.arrival)) * 1e-9
+    if EARLY < early < CLOCKS:
+        return f"stamps of {stream.topic} are {1e3 * early:.3g} ms later than their arrival, by another clock"
+    return ""
+
+
+def _holes(stream: Stream, values: Values) -> str:
+    """How many messages lack a number that the others have, as poses of a robot that is lost; empty where none does."""
+    whole = [np.isfinite(value) for value in values.values() if np.isfinite(value).any()]
+    lacks = ~np.logical_and.reduce(whole) if whole else np.zeros(stream.size, bool)
+    if not lacks.any():
+        return ""
+    first, last = ((stream.arrival[i] - stream.arrival[0]) * 1e-9 for i in np.flatnonzero(lacks)[[0, -1]])
+    return f"{stream.topic}: {int(lacks.sum())} of {stream.size} messages lack a number, {first:.4g} to {last:.4g} s"
 
 
 # long: mostly its arguments and what they mean
@@ -89,7 +116,9 @@ def table(
         laid = _laid((stream.times(stamps) - begin) * 1e-9, values, t, step, held)
         columns |= {name: column for name, column in laid.items() if name not in columns}
     gaps = {stream.topic: stream.regularity(stamps)[1] for stream in streams}
-    return Rows(columns, stamps, (note, *(f"{topic}: {count} gaps" for topic, count in gaps.items() if count)))
+    holes = [words for stream, values, _ in sources if (words := _holes(stream, values))]
+    told = (f"{topic}: {count} gaps" for topic, count in gaps.items() if count)
+    return Rows(columns, stamps, (note, *told, *dict.fromkeys(holes)))
 
 
 def _found(recording: Recording, place: Column, name: str) -> tuple[Stream, Values]:

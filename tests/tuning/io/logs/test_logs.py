@@ -10,11 +10,11 @@ import agvjax
 import commands
 from tuning.cli.main import main
 from tuning.identify.load import load
-from tuning.identify.recorded import shares
+from tuning.identify.recorded import shares, unfit
 from tuning.io.csv_file import Column
 from tuning.io.logs import is_recording, read
 from tuning.io.logs.recording import Recording, Stream
-from tuning.io.logs.roles import chosen
+from tuning.io.logs.roles import TABLE, chosen
 from tuning.io.logs.rows import Rows, stamps_of, table
 
 START = 1_700_000_000_000_000_000  # ns
@@ -292,6 +292,45 @@ def test_senders_whose_clocks_differ_are_taken_by_arrival():
     stamps, why = stamps_of(streams)
     assert stamps == "arrival" and "stamps of /b are 10 s from their arrival" in why
     assert stamps_of(streams[1:])[0] == "header"  # one clock, whatever it says
+
+
+@pytest.mark.parametrize(
+    ("header", "why"),
+    [
+        (lambda arrival: arrival + 395 * MS, "395 ms later than their arrival, by another clock"),
+        (lambda arrival: np.r_[arrival[:60], arrival[60:] - 30_000 * MS], "go back by 30 s, 0.6 s after its first"),
+    ],
+)
+def test_stamps_that_no_clock_can_have_set_are_not_used_and_said(header, why):
+    arrival = START + 10 * MS * np.arange(100)
+    stamps, words = stamps_of([Stream("/odom", "Odometry", arrival, header(arrival), {})])
+    assert stamps == "arrival" and why in words
+
+
+def test_messages_that_lack_numbers_are_counted():
+    arrival = START + 10 * MS * np.arange(100)
+    x = np.where((arrival >= START + 200 * MS) & (arrival < START + 400 * MS), np.nan, 1.0)
+    pose = Stream("/p", TABLE, arrival, None, {"x": x, "y": x, "heading": x, "cmd_v": np.ones(100)})
+    found = {"x": Column("/p.x"), "y": Column("/p.y"), "heading": Column("/p.heading")}
+    notes = table(Recording("a", (pose,), {}, ()), {}, found).notes
+    assert "/p: 20 of 100 messages lack a number, 0.2 to 0.39 s" in notes
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"cmd_v": 0.0, "cmd_w": 0.0}, "nothing was commanded"),
+        ({"x": 1.0, "y": 2.0, "heading": 3.0}, "the pose never changes"),
+        ({"t": 20.0 * np.arange(200)}, "messages are 20 s apart, too far for a control loop"),
+        ({"cmd_v": np.where(np.arange(200) < 3, 0.5, np.nan)}, "every command is known in 3 rows, fewer than 50"),
+    ],
+)
+def test_a_drive_from_which_nothing_can_be_learned_is_not_good(changed, why):
+    t = 0.02 * np.arange(200)
+    sound = {"t": t, "x": t, "y": 0 * t, "heading": 0.1 * t, "cmd_v": 1 + 0 * t, "cmd_w": 0.1 + 0 * t}
+    assert unfit(Rows(sound, "header", ())) == []
+    (said,) = unfit(Rows(sound | {name: x + 0 * t for name, x in changed.items()}, "header", ()))
+    assert said.startswith(why)
 
 
 def test_a_vehicle_that_hardly_moves_stands_though_its_pose_is_noisy():
