@@ -13,7 +13,7 @@ from agvjax import Fault, InputError
 
 from .. import config as configuration
 from ..compute import compiled, processes
-from ..config import whereabouts
+from ..config import ends, whereabouts
 from ..config.codecs import Toml
 from ..config.ends import Moving
 from ..config.rules import Rules, faults
@@ -117,7 +117,7 @@ def warn(console: Console, config: Config, *sections: str, moving: Sequence[Movi
             console.note(blur)
     for text in agvjax.path_warnings(config.scenario, config.simulate.horizon):
         console.note(f"the path cannot be followed exactly: {text}")
-    for text in whereabouts.notes(config, moving):
+    for text in (*whereabouts.notes(config, moving), *ends.elsewhere(config, moving)):
         console.note(text)
 
 

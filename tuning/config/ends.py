@@ -32,6 +32,9 @@ def element_of(name: str) -> tuple[str, int | None]:
     return leaf.removeprefix("scenario."), element
 
 
+DRAWS = "ensemble.draws"
+
+
 class Moving(NamedTuple):
     """Leaves that move as one, along one number from 0 to 1."""
 
@@ -41,7 +44,7 @@ class Moving(NamedTuple):
     @classmethod
     def drawn(cls, draws: Mapping[str, Draw]) -> list[Moving]:
         """Those of an ensemble, each alone."""
-        return [cls("ensemble.draws", {name: Span(draw)}) for name, draw in draws.items()]
+        return [cls(DRAWS, {name: Span(draw)}) for name, draw in draws.items()]
 
     def values(self, config: Config) -> dict[str, np.ndarray]:
         """Where each leaf stands: at all points of a grid, else at some that stand for all; (n, ...)."""
@@ -78,6 +81,20 @@ def faults(config: Config, moving: Sequence[Moving], sections: Sequence[str]) ->
         for corner in _corners([axis.ends(config) for axis in group]):
             wrong += _at(config, corner if lawful else {**fastest, **corner}, keys, sections)
     return list({_what(fault): fault for fault in wrong}.values())
+
+
+def elsewhere(config: Config, moving: Sequence[Moving]) -> list[str]:
+    """Of every leaf that is drawn somewhere else than where it is configured, as one that a preset draws."""
+    said = []
+    for axis in (axis for axis in moving if axis.key == DRAWS):
+        for name, values in axis.values(config).items():
+            nominal, low, high = _nominal(config, name), values.min(axis=0), values.max(axis=0)
+            room = 1e-6 * np.abs(nominal)
+            if np.any((nominal < low - room) | (nominal > high + room)):
+                where, ends = (np.array2string(np.asarray(x), precision=4) for x in (nominal, np.array([low, high])))
+                rule = f"not between the ends that it is drawn from, {ends} ({DRAWS})"
+                said.append(f"{name} = {where} is {rule}: no vehicle that is tuned for is like the configured one")
+    return said
 
 
 def placed(config: Config, corner: Corner) -> Config:

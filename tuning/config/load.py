@@ -247,6 +247,9 @@ def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Se
     lists = {n for n in ("speed", "half_width") if isinstance(before.get(n), list) and len(before[n]) != 2}
     gone = {*sources, "columns", "topic", "spacing", "values", *lists}
     gone |= set(before) - set(KEPT) if anew and not mine & given else set()
+    rows = table.get("points")
+    if isinstance(rows, list) and any(isinstance(row, list) and len(row) == 3 for row in rows):
+        gone.add("speed")  # each of the points says its own
     for name in gone:
         before.pop(name, None)
 

@@ -114,6 +114,8 @@ def _lap(path: agvjax.Path) -> float:
     """How long [s] it takes to run the path once; 0: it does not say."""
     if isinstance(path, agvjax.Waypoints):
         return float(path.duration)
+    if isinstance(path, agvjax.Route):
+        return float(np.asarray(path.instants)[-1])
     omega = agvjax.leaves(path).get("omega", np.inf)
     return 2 * np.pi / float(omega) if np.ndim(omega) == 0 else 0.0
 

@@ -132,6 +132,31 @@ def unseen(  # long: a paragraph for each thing that may be said
     return Caveats(failures, cautions, doubts)
 
 
+def unfinished(before: agvjax.Metrics, after: agvjax.Metrics, path: agvjax.Path, horizon: float) -> Caveats:
+    """Of runs along a route that ends, which do not reach its end.
+
+    Args:
+        before: metrics with the starting gains.
+        after: metrics with the tuned gains, of the same scenarios.
+        path: that they follow.
+        horizon: of the runs [s].
+    """
+    nothing = Caveats([], [], [])
+    if not isinstance(path, agvjax.Route) or path.closed or after.followed is None:
+        return nothing
+    lost = [int(np.sum(np.isinf(np.asarray(m["time_to_finish"])) & np.asarray(m.ok))) for m in (before, after)]
+    size = np.asarray(after.ok).size
+    counts = f"{lost[1]} of {size} validation runs do not reach the end of the route ({lost[0]} before)"
+    if not lost[1]:
+        return nothing
+    if horizon < (needed := float(path.end())):
+        words = f"{counts}: it takes {needed:.4g} s, the run ends after {horizon:.4g} s (simulate.horizon)"
+        return Caveats([], [words], [])
+    if lost[1] > lost[0] or lost[1] > size / 2:
+        return Caveats([counts], [], [])
+    return Caveats([], [counts], [f"{lost[1]} of {size} do not reach the end of the route"])
+
+
 def _goal_worse(objective: Objective, levels: np.ndarray) -> list[str]:
     """That the weighted sum of the goals rose."""
     weights = np.array([goal.value for goal in objective.goals])

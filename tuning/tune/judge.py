@@ -90,7 +90,9 @@ def judge(outcome: Outcome) -> TuneVerdict:
     conflict = _conflict(outcome, findings) if over else []
     criteria, budget = config.criteria, problem.tuner.budget
     long = config.simulate.horizon > criteria.late
-    useless, cautions, doubts = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long, units)
+    seen_of = caveats.unseen(objective, new[0], new[1], budget, criteria.band, long, units)
+    stuck = caveats.unfinished(new[0], new[1], config.scenario.path, config.simulate.horizon)
+    useless, cautions, doubts = (a + b for a, b in zip(seen_of, stuck, strict=True))
     there = _start_at_worst(outcome)
     cautions += caveats.worst_case(objective, outcome.found, baseline, there, units)
     cautions += caveats.at_bounds(problem.tuner.gains, outcome.controller)

@@ -8,7 +8,7 @@ import pytest
 import agvjax
 from agvjax import InputError
 from tuning.config import load
-from tuning.config.ends import MOST_TOGETHER, Moving, placed
+from tuning.config.ends import MOST_TOGETHER, Moving, elsewhere, placed
 from tuning.config.load import resolve
 from tuning.ensemble.draws import Between, OneOf, Span, places
 from tuning.sweep import rules as sweep_rules
@@ -121,3 +121,14 @@ def test_python_is_refused_with_the_same_words():
     drawn = dataclasses.replace(config, ensemble=dataclasses.replace(config.ensemble, draws=draws))
     assert [fault.key for fault in tune_rules.faults(drawn)] == [f"scenario.{PUSH}.delay.slots"]
     assert resolve({}, tune_rules.faults).ensemble.draws  # the default problem is sound
+
+
+def test_a_leaf_that_is_drawn_somewhere_else_than_it_is_configured_is_said():
+    late = [f"scenario.actuators.{name}.delay.time = 0.15" for name in ("speed", "steering_angle")]
+    config = load(["ackermann"], late)
+    said = elsewhere(config, tune_rules.moving(config))
+    assert len(said) == 2 and "actuators.speed.delay.time = 0.15 is not between the ends" in said[0]
+    assert "[0.02 0.08]" in said[0]
+    for preset in ("base", "ackermann", "forklift", "unicycle", "car"):
+        config = load([preset], [])
+        assert elsewhere(config, tune_rules.moving(config)) == []

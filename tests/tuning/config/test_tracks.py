@@ -11,6 +11,7 @@ from agvjax import InputError
 from tuning.config import dump, load, mapped, whereabouts
 from tuning.config.load import resolve
 from tuning.ensemble.draws import Between, OneOf, Plus
+from tuning.studies.speed.study import fastest
 
 FAR = np.array([500123.4, 5412345.6])  # m, as of UTM
 BEND = np.column_stack([np.arange(0, 60, 3.0), 4 * np.sin(np.arange(0, 60, 3.0) / 12)])
@@ -231,6 +232,14 @@ def test_points_of_a_later_table_take_the_place_of_those_before(tmp_path):
     assert float(path.half_widths[0, 0]) == 0.25 and not path.closed
     again, _ = track(file, "scenario.path.points=[[0,0],[9,0],[9,9]]", files=("base",), kind="route", closed="false")
     assert len(mapped.corners(again.scenario.path)) == 3
+
+
+def test_points_with_speeds_of_their_own_need_no_other_of_a_preset():
+    path = "scenario.path = { points = [[0, 0, 0.5], [2, 0, 0.5], [4, 0.2, 0.3], [6, 0.4, 0.3]], closed = false }"
+    route = load(["base"], [path], note=lambda text: None).scenario.path
+    assert fastest(route)[0] == pytest.approx(0.5, abs=0.01)  # the preset's is 0.8
+    with pytest.raises(agvjax.InputError, match="scenario.path.speed"):
+        load(["base"], [path, "scenario.path.speed = 0.8"])
 
 
 def test_draws_of_the_built_in_bases_are_about_their_start():

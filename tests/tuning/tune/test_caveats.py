@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agvjax
-from agvjax.metric_table import Followed
+from agvjax.metric_table import METRICS, Followed
 from tuning.ensemble.worst import Found
 from tuning.tune import caveats
 from tuning.tune.gains import Gains
@@ -171,3 +171,28 @@ def test_the_run_that_is_shown_as_the_worst_is_that_of_the_first_goal_or_one_tha
     runs = {"rmse": [0.1, 0.3, 0.2], "late": [0.01, 0.02, 0.05]}
     assert summary(metrics(**runs), objective).worst_index == worst
     assert summary(metrics(**runs, ok=[False, True, True]), objective).worst_index == 0
+
+
+def of_a_route(*finished):
+    """Metrics of runs that reach the end of a route at these times [s]."""
+    size = len(finished)
+    each = {name: np.zeros(size) for name, row in METRICS.items() if row.route} | {"time_to_finish": np.array(finished)}
+    return dataclasses.replace(metrics([0.1] * size), followed=Followed(**each))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "horizon", "kinds"),
+    [
+        ([9.0] * 4, [9.0] * 4, 20.0, (0, 0, 0)),
+        ([9.0] * 4, [9.0, 9.0, 9.0, np.inf], 20.0, (1, 0, 0)),  # one more than before
+        ([9.0, 9.0, 9.0, np.inf], [9.0, np.inf, 9.0, 9.0], 20.0, (0, 1, 1)),
+        ([np.inf] * 4, [np.inf] * 3 + [9.0], 20.0, (1, 0, 0)),  # most
+        ([np.inf] * 4, [np.inf] * 4, 5.0, (0, 1, 0)),  # the run is too short to tell
+    ],
+)
+def test_vehicles_that_do_not_reach_the_end_of_a_route_are_no_success(before, after, horizon, kinds):
+    route = agvjax.Route.through(np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.1]]), 0.5)  # 8 s
+    said = caveats.unfinished(of_a_route(*before), of_a_route(*after), route, horizon)
+    assert tuple(map(len, said)) == kinds
+    ring = agvjax.Route.along(agvjax.Circle())
+    assert not any(caveats.unfinished(of_a_route(*before), of_a_route(*after), ring, horizon))
