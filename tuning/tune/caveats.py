@@ -149,12 +149,13 @@ def unfinished(before: agvjax.Metrics, after: agvjax.Metrics, path: agvjax.Path,
     counts = f"{lost[1]} of {size} validation runs do not reach the end of the route ({lost[0]} before)"
     if not lost[1]:
         return nothing
+    doubt = f"{lost[1]} of {size} do not reach the end of the route"
     if horizon < (needed := float(path.end())):
         words = f"{counts}: it takes {needed:.4g} s, the run ends after {horizon:.4g} s (simulate.horizon)"
-        return Caveats([], [words], [])
+        return Caveats([], [words], [doubt])
     if lost[1] > lost[0] or lost[1] > size / 2:
         return Caveats([counts], [], [])
-    return Caveats([], [counts], [f"{lost[1]} of {size} do not reach the end of the route"])
+    return Caveats([], [counts], [doubt])
 
 
 def _goal_worse(objective: Objective, levels: np.ndarray) -> list[str]:

@@ -239,7 +239,7 @@ def test_points_with_speeds_of_their_own_need_no_other_of_a_preset():
     route = load(["base"], [path], note=lambda text: None).scenario.path
     assert fastest(route)[0] == pytest.approx(0.5, abs=0.01)  # the preset's is 0.8
     with pytest.raises(agvjax.InputError, match="scenario.path.speed"):
-        load(["base"], [path, "scenario.path.speed = 0.8"])
+        load(["base"], [path, "scenario.path.speed = 0.8"], note=lambda text: None)
 
 
 def test_draws_of_the_built_in_bases_are_about_their_start():

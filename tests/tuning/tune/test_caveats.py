@@ -187,7 +187,7 @@ def of_a_route(*finished):
         ([9.0] * 4, [9.0, 9.0, 9.0, np.inf], 20.0, (1, 0, 0)),  # one more than before
         ([9.0, 9.0, 9.0, np.inf], [9.0, np.inf, 9.0, 9.0], 20.0, (0, 1, 1)),
         ([np.inf] * 4, [np.inf] * 3 + [9.0], 20.0, (1, 0, 0)),  # most
-        ([np.inf] * 4, [np.inf] * 4, 5.0, (0, 1, 0)),  # the run is too short to tell
+        ([np.inf] * 4, [np.inf] * 4, 5.0, (0, 1, 1)),  # the run is too short to tell
     ],
 )
 def test_vehicles_that_do_not_reach_the_end_of_a_route_are_no_success(before, after, horizon, kinds):
