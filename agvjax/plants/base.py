@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, PyTree
 from .._pytree import ANY, POSITIVE, Real, number, pytree, structure
 from ..actuators.deadzone import Deadzone
 from ..geometry import direction, into_body
-from ..messages import Command, Measurement, Start
+from ..messages import Command, Measurement, Reference, Start
 from ..protocols import Inputs, Motion, Plant
 
 
@@ -101,9 +101,13 @@ class Driven(Plant):
         """What must be delivered to drive along a path, its axle on it."""
         if motion.asked is None:
             return {}
-        speed = np.sum(np.asarray(motion.asked.velocity) * np.asarray(_along(motion.asked.heading)), axis=-1)
-        twists = jnp.stack([jnp.asarray(speed), jnp.asarray(motion.asked.heading_rate)], axis=-1)
-        return dict(zip(self.actuators, np.asarray(jax.vmap(self.asked)(twists)).T, strict=True))
+        inputs = np.asarray(jax.vmap(self.asked)(self._twists(motion.asked)))
+        return dict(zip(self.actuators, inputs.T, strict=True))
+
+    def _twists(self, asked: Reference) -> Float[Array, "n 2"]:
+        """Speed and yaw rate along a path, at n instants."""
+        speed = np.sum(np.asarray(asked.velocity) * np.asarray(_along(asked.heading)), axis=-1)
+        return jnp.stack([jnp.asarray(speed), jnp.asarray(asked.heading_rate)], axis=-1)
 
 
 @pytree
@@ -230,12 +234,25 @@ class Ackermann(Driven):
 
     def asked(self, twist: Float[Array, "2"]) -> Float[Array, "2"]:
         """V and atan(L w / v), within the largest angle; 0 where it is to stand."""
+        return jnp.stack([twist[0], jnp.clip(self._steered(twist), -self.largest_angle, self.largest_angle)])
+
+    def _steered(self, twist: Float[Array, "2"]) -> Float[Array, ""]:
+        """The steering angle that a twist takes, whether or not the wheel turns so far."""
         v, w = twist
-        stands = jnp.abs(v) < CREEP
+        stands, side = jnp.abs(v) < CREEP, -1.0 if self.behind else 1.0
         angle = jnp.arctan(self.wheelbase * w / jnp.where(stands, 1.0, v))
-        angle = jnp.clip(angle, -self.largest_angle, self.largest_angle)
-        side = -1.0 if self.behind else 1.0
-        return jnp.stack([v, jnp.where(stands, 0.0, side * angle)])
+        return jnp.where(stands, 0.0, side * angle)
+
+    def needs(self, motion: Motion) -> dict[str, np.ndarray]:
+        """What must be delivered to drive along a path, its fixed axle on it; an angle beyond the stops too."""
+        if motion.asked is None:
+            return {}
+        twists = self._twists(motion.asked)
+        return super().needs(motion) | {"steering_angle": np.asarray(jax.vmap(self._steered)(twists))}
+
+    def reach(self) -> dict[str, tuple[float, float]]:
+        """How far the wheel turns."""
+        return super().reach() | {"steering_angle": (-float(self.largest_angle), float(self.largest_angle))}
 
     def body(self, reached: Float[Array, "2"]) -> tuple[Array, Array]:
         """v, and v tan(angle) / L with its drift."""

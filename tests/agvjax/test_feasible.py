@@ -285,3 +285,18 @@ def test_the_report_of_a_tuning_says_it_too():
     strong += ["scenario.actuators.acceleration.saturation.lower=-3.2"]
     assert "can follow it" not in text
     assert "acceleration: 1.6 of 3.2 m/s^2" in tables.path_of(configuration.load([], strong))
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_corner_that_is_tighter_than_the_wheel_turns_is_said(behind):
+    """On a circle of 0.5 m, with 1.2 m from axle to axle, the wheel must stand at atan(2.4) = 1.176 rad."""
+    ring = agvjax.Route.along(agvjax.Circle(radius=0.5, omega=0.4))
+    vehicle = agvjax.Ackermann(wheelbase=1.2, largest_angle=1.0, behind=behind)
+    (said,) = agvjax.path_warnings(Scenario.of(vehicle, path=ring), 10.0)
+    assert (
+        "steering_angle: the path needs" in said
+        and "1.18 rad" in said
+        and ("has 1 at most" in said or "has -1 at least" in said)
+    )
+    wide = agvjax.Ackermann(wheelbase=1.2, largest_angle=1.2, behind=behind)
+    assert not agvjax.path_warnings(Scenario.of(wide, path=ring), 10.0)
