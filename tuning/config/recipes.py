@@ -11,6 +11,8 @@ import numpy as np
 import agvjax
 
 from ..io import geo, logs
+from ..io.csv_file import names
+from ..io.track_names import guessed
 from . import routes, tracks
 from .columns import Note, array, columns_of, unsaid, wrong
 from .spellings import Toml, numbers
@@ -113,7 +115,17 @@ def _route(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Route:
         wrong("file", "", "the name of a CSV file, where there are neither points nor a shape that the route is along")
     cornered = set(table) & {"radius", "tolerance", "half_width"}  # the file's widths are of a spline alone
     rows, widths = _points(table, table.get("closed"), ("speed",) if cornered else ("speed", "left", "right"), note)
+    if {"file", "half_width"} <= set(table) and _has_widths(table["file"]):
+        note(f"{table['file']}: its widths do not count beside scenario.path.half_width = {table['half_width']}")
     return routes.laid(table, rows, widths)
+
+
+def _has_widths(file: str) -> bool:
+    """Whether a file that could be read has the widths of a corridor."""
+    if geo.is_geo(file) or logs.is_recording(file):
+        return False
+    header = names(file)
+    return {"left", "right"} <= {*header, *guessed(header)}
 
 
 def _recorded(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Recorded:

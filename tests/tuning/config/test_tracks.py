@@ -48,6 +48,7 @@ def test_widths_of_a_track_are_the_corridor_of_a_route_unless_it_has_its_own(tmp
     config, said = track(file, kind="route", half_width=1.0)
     np.testing.assert_array_equal(config.scenario.path.half_widths[[0, 2]], 1.0)
     assert "w_tr_right_m, w_tr_left_m not read" in said[0]
+    assert said[-1].endswith("its widths do not count beside scenario.path.half_width = 1.0")
     config, said = track(file, kind="route", tolerance=0.1)
     assert config.scenario.path.half_widths is None and "w_tr_right_m, w_tr_left_m not read" in said[0]
 
