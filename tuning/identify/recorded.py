@@ -30,6 +30,7 @@ BY_NAME = (
 )
 STILL = 0.02  # m/s, and rad/s, below which a vehicle stands and does not turn
 SMALL = 0.25  # of the largest command: what is less is small, where a deadzone shows
+STANDS = (0.05, 0.05)  # m and rad, within which nearly all poses are of a vehicle that never moves
 FAR = 1.0  # s from message to message, from which on no control loop is seen
 LEAST = 20.0  # s of a kind of driving, from which on something can be learned of it
 
@@ -94,7 +95,11 @@ def unfit(rows: Rows) -> list[str]:
     if not any(np.any(one[known] != 0) for one in commands):
         return ["nothing was commanded"]
     pose = [table[name][np.isfinite(table[name])] for name in POSE]
-    return ["the pose never changes"] if not any(np.ptp(one) > 0 for one in pose if one.size) else []
+    moved = [float(np.ptp(np.quantile(one, (0.02, 0.98)))) if one.size else 0.0 for one in pose]
+    told = float(np.nansum(np.abs(table["cmd_v"])) * step) if "cmd_v" in table else 0.0
+    if max(moved[:2]) < STANDS[0] and moved[2] < STANDS[1]:
+        return ["the pose never changes" + f", though {told:.3g} m were asked for" * (told > 0)]
+    return []
 
 
 def verdict(

@@ -320,7 +320,8 @@ def test_messages_that_lack_numbers_are_counted():
     ("changed", "why"),
     [
         ({"cmd_v": 0.0, "cmd_w": 0.0}, "nothing was commanded"),
-        ({"x": 1.0, "y": 2.0, "heading": 3.0}, "the pose never changes"),
+        ({"x": 1.0, "y": 2.0, "heading": 3.0}, "the pose never changes, though 4 m were asked for"),
+        ({"x": np.random.default_rng(0).normal(0, 0.01, 200), "heading": 3.0}, "the pose never changes"),
         ({"t": 20.0 * np.arange(200)}, "messages are 20 s apart, too far for a control loop"),
         ({"cmd_v": np.where(np.arange(200) < 3, 0.5, np.nan)}, "every command is known in 3 rows, fewer than 50"),
     ],
