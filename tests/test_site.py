@@ -20,6 +20,8 @@ from tuning.config.described import every_key
 from tuning.config.load import load
 from tuning.config.names import CLASSES
 
+pytestmark = pytest.mark.slow  # `make docs`, with warnings as errors, builds the site too
+
 LOADED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src", "video": "src"}
 
 

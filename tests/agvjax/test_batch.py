@@ -69,6 +69,7 @@ def test_batch_refuses_what_does_not_vary_together():
             batch(Scenario(), {name: np.ones(shape)})
 
 
+@pytest.mark.slow
 def test_a_list_of_values_is_a_batch():
     one, two = (
         evaluate(NeuroBackstepping(), batch(Scenario(), {"disturbance.amplitude": values}), n_steps=50)

@@ -69,6 +69,7 @@ def test_a_bound_is_told_from_the_value_that_breaks_it(bound, value, text):
     assert told_apart(bound, value) == text
 
 
+@pytest.mark.slow
 def test_lists_of_numbers_are_as_good_as_arrays():
     lists = Scenario(
         start=agvjax.Start(position=[-0.4, 0.3], velocity=(0.1, 0.2)),

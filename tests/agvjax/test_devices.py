@@ -75,6 +75,7 @@ def test_a_second_call_says_that_the_options_are_set():
     assert python(AGAIN) == "fast compiler options are set already\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "environment", "devices", "said"),
     [

@@ -52,6 +52,7 @@ def forward():
     return np.asarray(jax.jacfwd(of_logs)(jnp.zeros(len(GAINS) + len(DEADZONE))))
 
 
+@pytest.mark.slow
 def test_forward_mode_is_the_slope_of_the_cost(forward):
     slope = central(of_logs, jnp.zeros(forward.size))
     np.testing.assert_allclose(forward, slope, rtol=0, atol=1e-7 * np.abs(slope).max())

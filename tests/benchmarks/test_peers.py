@@ -49,6 +49,7 @@ def rmse(name, values, *, dtype, n_steps=N_STEPS, **options):
     return module.contestant(values, dt=DT, n_steps=n_steps, dtype=dtype, **options)()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "needs", "dtype", "rtol", "options"), CASES)
 @pytest.mark.filterwarnings("default")  # what other libraries warn of is not ours
 def test_a_peer_agrees_with_evaluate(batch, name, needs, dtype, rtol, options):

@@ -172,6 +172,7 @@ def test_the_deadzone_comes_before_the_chain():
     np.testing.assert_allclose(out, np.clip(np.maximum(u - 0.5, 0) + np.minimum(u, 0), -1, 1), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "leaf, chain",
     [

@@ -224,6 +224,7 @@ STATED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATED)
 def test_baseline_has_the_figures_that_are_stated(name):
     times, wanted = STATED[name]
@@ -253,6 +254,7 @@ def test_lap_of_a_baseline_is_the_lap_in_plain_floats(name):
     np.testing.assert_allclose(run.command, commands, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_proposed_law_has_the_stated_rmse_and_hardly_needs_its_network():
     np.testing.assert_allclose(rmse(lap("paper")), [0.0384, 0.0345, 0.0435], rtol=2e-3)
     np.testing.assert_array_equal(rmse(lap("no network")).round(4), rmse(lap("paper")).round(4))
@@ -519,12 +521,8 @@ def assert_gradient(gradient, controller, law):
     assert idle == (["omega_n", "zeta"] if controller is LAWS["no filter"][0] else [])
 
 
-QUICK = {"ASMC"}  # the programs of the others take their time to compile
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in [*LAWS, "fractional"]]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*LAWS, "fractional"])
 def test_rows_of_a_batch_and_their_gradient_are_those_of_single_plain_runs(name):
     controller, law = ALL[name]
     gradient, metrics = judged(agvjax.check(controller))
@@ -550,6 +548,7 @@ def slopes_at_an_instant(controller, r, delta, vehicle, state):
     return jax.jacfwd(of)(jnp.zeros(len(controller.gains_to_tune())))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_slope_of_the_law_in_every_gain_at_an_instant(name):
     controller, law = LAWS[name]

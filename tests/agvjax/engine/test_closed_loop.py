@@ -144,6 +144,7 @@ READINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n == "tangent" else pytest.mark.slow) for n in READINGS])
 def test_reading_agrees_with_the_reference_to_rounding(name):
     controller, scenario, reading, *steps = READINGS[name]
@@ -265,6 +266,7 @@ def mapped(place, dtype, turns=0):
     return simulate(NeuroBackstepping(), Scenario(path=path, start=start), n_steps=1000, save_every=100, dtype=dtype)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "turns"), [([5e5, 5e6], 0), ([0.0, 0.0], 400)])
 def test_where_a_map_begins_and_how_often_a_vehicle_has_turned_are_no_divergence(place, turns):
     here, there = mapped([0.0, 0.0], float), mapped(place, float, turns)
@@ -272,6 +274,7 @@ def test_where_a_map_begins_and_how_often_a_vehicle_has_turned_are_no_divergence
     np.testing.assert_allclose(np.asarray(there.position) - place, here.position, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "fine"), [([7e3, 0.0], True), ([0.0, 9e3], False), ([5e5, 5e6], False)])
 def test_a_place_that_single_precision_does_not_resolve_to_a_millimetre_is_no_run(place, fine):
     assert bool(mapped(place, jnp.float32).ok) is fine  # 2^-23 of the distance from the origin

@@ -81,6 +81,7 @@ def test_sampled_law_tends_to_the_continuous_law():
     assert 0.4 < off[1] / off[0] < 0.6
 
 
+@pytest.mark.slow
 def test_memory_jumps_when_saving_less_often_too():
     every = {"dt": 1e-3, "n_steps": 200, "control_every": 5}
     fine = agvjax.simulate(Sampled(inner=agvjax.NeuroBackstepping()), agvjax.Scenario(), **every)

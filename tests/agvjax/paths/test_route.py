@@ -375,6 +375,7 @@ def test_a_branch_that_is_crossed_is_not_taken_however_the_vehicle_stands_or_mov
     assert float(found.arc[-1]) == pytest.approx(brute(quintic(route), still[0], 0.1), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arc", [0.05, 1.1, 2.0, 4.0])
 def test_the_slopes_of_the_nearest_point_agree_with_differences_and_with_geometry(arc):
     route = Route.along(Dumbbell())

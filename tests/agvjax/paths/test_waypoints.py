@@ -298,7 +298,7 @@ def test_columns_are_read_by_name(tmp_path):
         "# made by hand, in m\nx\ty\n1\t2\n3\t4\n",
         "#x y\n 1   2\n 3   4 \n",
         "x, y\n1, 2\n3, 4\n",
-        'x;"y"\n1;"2"\n;\n3;4\n',
+        'x;"y"\n1;"2"\n3;4\n;\n',
     ],
 )
 def test_separators_and_comments_are_understood(text, tmp_path):

@@ -185,6 +185,7 @@ def test_slopes_agree_with_differences():
             np.testing.assert_allclose(reverse, forward, rtol=1e-10, atol=1e-13 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 0.05, 0.1, -0.1])
 def test_slopes_are_finite_at_a_standstill_and_where_the_model_switches(speed):
     patch = FrictionPatch(center=np.zeros(2))

@@ -146,6 +146,7 @@ def test_later_settings_win_and_options_beat_them_all(tmp_path):
         np.testing.assert_allclose(np.hypot(*file["reference_position"].T), 2, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_simulation_that_diverges_exits_with_1_and_is_written(tmp_path):
     out = tmp_path / "out"
     _, err = run(arguments("simulate", out, [*FAST, "scenario.limit=0.1"]), code=1)
@@ -764,6 +765,7 @@ assert not xla_bridge.backends_are_initialized()
 """
 
 
+@pytest.mark.slow
 def test_a_configuration_is_read_before_jax_computes():
     """Processes that tune together meet by what it says, and JAX lets them meet before its first array only."""
     python(BEFORE)

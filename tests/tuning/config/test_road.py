@@ -275,6 +275,7 @@ def alike(one, other):
     return np.array_equal(one, other)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(CONFIGS)
 def test_what_is_written_is_read_back_to_the_same(config):

@@ -135,6 +135,7 @@ def searched(tmp_path_factory):
     return out, argv, code
 
 
+@pytest.mark.slow
 def test_a_search_says_one_probability_and_shows_its_most_likely_failure(searched, tmp_path, capsys):
     out, _, code = searched
     found = json.loads((out / "rare.json").read_text())
@@ -220,6 +221,7 @@ def test_the_folder_of_another_command_is_not_taken_over_and_said_at_once(search
         main([*argv, *here])
 
 
+@pytest.mark.slow
 def test_workers_are_asked_for_when_draws_begin_and_every_rollout_is_counted_once(searched, tmp_path, monkeypatch):
     out, argv, _ = searched
     found = json.loads((out / "rare.json").read_text())

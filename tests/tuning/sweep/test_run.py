@@ -32,6 +32,7 @@ def elsewhere(config, laws, imports=()):
     return [jobs.here(i) for i in range(manifest.shards)], [make(i) for i in range(manifest.shards)]
 
 
+@pytest.mark.slow
 def test_shards_of_what_is_sent_are_the_same_to_the_byte():
     more = {"sweep.ensemble": True, "sweep.over": [{"start.heading": {"between": [-0.7, 0.3]}}]}
     config = configuration.load(["unicycle"], SMALL, rules.faults, more, note=[].append)

@@ -173,6 +173,7 @@ def test_all_are_let_go_at_once_after_the_laws_own():
     assert outcome.run.promises is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", [3, 5, 8])
 def test_a_choice_is_resumed_to_the_same_bits(tmp_path, stop):
     problem, runs = pose(shy()), []

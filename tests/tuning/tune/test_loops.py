@@ -76,6 +76,7 @@ def tuner():
     return Tuner(agvjax.check(Spring()), batch, gains, objective, Tune(gains=("k", "c"), iterations=40), TIMING)
 
 
+@pytest.mark.slow
 def test_slopes_beside_those_of_runs_are_those_of_the_formula():
     tuned = tuner()
     z = tuned.gains.coordinates(tuned.controller)
@@ -93,6 +94,7 @@ def test_slopes_beside_those_of_runs_are_those_of_the_formula():
     np.testing.assert_allclose(slopes[:, 1], wanted, rtol=5e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("promotion_as_optax_has_it")
 def test_a_search_ends_on_the_limit_where_the_formula_has_it():
     """A stiffer spring is nearer to where it is to be, and bears less delay."""

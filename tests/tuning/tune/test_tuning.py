@@ -655,6 +655,7 @@ def test_a_pickle_in_a_checkpoint_is_not_executed(small, solved, tmp_path):
         kept(tmp_path, small.begin())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_a_diverged_run_of_the_ensemble_counts_and_sends_no_gradient(mode):
     starts = np.array([[0.2, 0.1], [-0.4, 0.3], [5e3, 0.0]])  # the last begins beyond the limit

@@ -105,6 +105,7 @@ def recursive(prover, part, most):
     return {"split": name, "at": at, "below": sides[0], "above": sides[1]} if all(sides) else None
 
 
+@pytest.mark.slow
 def test_a_tree_is_the_same_whoever_looks_at_its_parts(split):
     prover, ends = split
     tree, why = prover.tree(ends, Elsewhere())
@@ -203,6 +204,7 @@ def test_workers_write_the_same_certificate(tmp_path):
     assert "no scheduler answers" in said and files_of(tmp_path / "nobody") == ["config.toml"]  # nothing half proved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("searched, within, where", [(0.5, 9.0, "a little beyond 0.5"), (4.0, 1e-3, "at the nominal")])
 def test_a_proof_that_a_search_contradicts_is_a_failure_and_no_certificate(
     searched, within, where, tmp_path, monkeypatch

@@ -54,6 +54,7 @@ def asked_by(origin, port, token):
         return line.getresponse().status
 
 
+@pytest.mark.slow
 def test_it_is_served_here_alone_without_a_network_and_ends_on_ctrl_c(tmp_path):
     with served("--out", str(tmp_path / "out")) as (process, address, port):
         page = fetched(address).decode()

@@ -88,6 +88,7 @@ def test_the_delay_margin_is_the_delay_at_which_a_simulated_robot_begins_to_weav
     assert edge == pytest.approx(bears, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nested", [False, True])
 def test_all_delays_of_a_chain_add_up_and_what_else_is_in_it_stays(nested):
     """A lag of T adds -atan(w T); also of an element without a chain, or in a chain within a chain."""

@@ -67,6 +67,7 @@ def beliefs(config, name):
     return [laws[i].compensation for i in range(4)], [batch[i].deadzone for i in range(4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, factor", [("identified", 1.0), ("too_large", 1.5), ("too_small", 0.5)])
 def test_beliefs_are_each_vehicles_own_and_so_much_too_large(base, name, factor):
     inverses, zones = beliefs(base, name)

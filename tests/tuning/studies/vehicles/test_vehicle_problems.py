@@ -159,6 +159,7 @@ def test_a_limited_loop_is_tuned_by_the_same_command(tmp_path):
     assert configuration.load(files, []).controller.inner.k1 == gains["inner"]["k1"]
 
 
+@pytest.mark.slow
 def test_simulate_writes_what_the_actuators_did(tmp_path, capsys):
     out = tmp_path / "run"
     assert cli.main(arguments("simulate", out, SHORT, "--config", "unicycle", "--animate")) == 0
