@@ -70,7 +70,7 @@ def main() -> None:
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
     parser.add_argument("--days", type=int, default=days.DAYS, help="that a robot drifts, of days and wheels")
     parser.add_argument("--samples", type=int, default=inside.SAMPLES, help="runs inside what is proved")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="after which these three end")
+    parser.add_argument("--hours", type=float, default=float("inf"), help="after which days, wheels and inside end")
     given = parser.parse_args()
     PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
     PARTS["inside"] = lambda turns: _alone(certify.measure_inside, given.samples, given.hours)

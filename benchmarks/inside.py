@@ -18,14 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import agvjax
-from agvjax._pytree import number, pytree
-from agvjax.engine.loop import Sample
-from agvjax.engine.rollout import Meter
-from agvjax.metrics import tracking_error
 from tuning.config import dump, load
 from tuning.config.settings import Config
+from tuning.io import files
 from tuning.studies.certify import certify, checker
-from tuning.studies.certify.found import Seeker, scenarios
+from tuning.studies.certify.found import Seeker, late_errors, scenarios
 from tuning.studies.certify.rules import faults
 
 KEPT = Path(__file__).parents[1] / "build"
@@ -33,39 +30,12 @@ BLOCK, EACH = 32_768, 16  # scenarios together; blocks after which the state is 
 SAMPLES, ROUNDS, STARTS = 100_000, 32, 32  # runs; searches of as many ascents
 
 
-@pytree
-class LargestLate(Meter):
-    """The largest error of each channel from `late` [s] on."""
-
-    late: float = number(4.0, "s")
-
-    def weights(self, t: jax.Array, left: jax.Array, right: jax.Array, end: jax.Array) -> jax.Array:
-        """1 where an instant counts."""
-        return (t >= self.late - 1e-9).astype(t.dtype)
-
-    def start(self, sample: Sample) -> jax.Array:
-        """Nothing yet."""
-        return jnp.zeros_like(tracking_error(sample))
-
-    def update(self, tally: jax.Array, sample: Sample, weights: jax.Array) -> jax.Array:
-        """With one more sample."""
-        return jnp.maximum(tally, weights * jnp.abs(tracking_error(sample)))
-
-    def finish(self, tally: jax.Array, ok: jax.Array, horizon: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The errors, (3,), and whether the run has gone well."""
-        return tally, ok
-
-
 def largest(config: Config) -> Callable[[dict[str, jax.Array]], tuple[jax.Array, jax.Array]]:
-    """The function from unknowns, each (B,), to the largest late errors (B, 3) and whether each run went well (B,)."""
-    law, timing = agvjax.check(config.controller), config.timing("sweep")
-
-    @jax.jit
-    def errors(values: dict[str, jax.Array]) -> Any:
-        batch = agvjax.batch(config.scenario, scenarios(config.scenario, values))
-        return agvjax.evaluate(law, batch, criteria=LargestLate(late=config.criteria.late), **timing)
-
-    return errors
+    """The function from unknowns, each (B,), to the largest late errors (3, B) and whether each run went well (B,)."""
+    law, scenario, late = agvjax.check(config.controller), config.scenario, config.criteria.late
+    return jax.jit(
+        lambda values: late_errors(law, scenario, scenarios(scenario, values), late, **config.timing("sweep"))
+    )
 
 
 def drawn(box: dict[str, tuple[float, float]], seed: int, block: int, size: int = BLOCK) -> dict[str, jax.Array]:
@@ -98,17 +68,18 @@ def measure(cases: dict[str, Config], samples: int = SAMPLES, hours: float = flo
 
 def _case(name: str, config: Config, samples: int, end: float) -> dict[str, Any]:
     file = KEPT / f"inside-{name}.json"
-    state = json.loads(file.read_text()) if file.exists() else {}
+    state: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
     if state.get("of") != dump(config):
         state = _proved(config) | {"of": dump(config)}
     random, limits = largest(config), np.array(state["bounds"])
     while state["blocks"] * BLOCK < samples and time.monotonic() < end:
         for _ in range(min(EACH, -(-samples // BLOCK) - state["blocks"])):
             worst, ok = (np.asarray(x) for x in random(drawn(state["box"], config.seed, state["blocks"])))
-            state["violations"] += int(np.sum(np.any(worst > limits, axis=1) | ~ok))
-            state["largest"] = np.maximum(state["largest"], worst.max(axis=0)).tolist()
+            state["violations"] += int(np.sum(np.any(worst > limits[:, None], axis=0) | ~ok))
+            state["largest"] = np.maximum(state["largest"], worst.max(axis=1)).tolist()
             state["blocks"] += 1
-        _keep(file, state)
+        KEPT.mkdir(exist_ok=True)
+        files.write_json(file, state)
         print(f"{name}: {state['blocks'] * BLOCK} runs, {state['violations']} violations", flush=True)
     return {
         "gains": name,
@@ -140,10 +111,3 @@ def _proved(config: Config) -> dict[str, Any]:
         "blocks": 0,
         "largest": [0.0, 0.0, 0.0],
     }
-
-
-def _keep(file: Path, state: dict[str, Any]) -> None:
-    file.parent.mkdir(exist_ok=True)
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps(state))
-    part.replace(file)

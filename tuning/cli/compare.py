@@ -41,14 +41,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _papers(console: Console, config: Config, out: Path) -> str:
+    kept = Kept(out / "laws", study.Searched)
     with console.parts("tuning", len(study.laws(config.controller)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = study.compare(config, Kept(out / "laws", study.Searched), tick)
+        comparison, tuned = study.compare(config, kept, tick)
     return page.write(comparison, tuned, out)
 
 
 def _followers(console: Console, config: Config, out: Path) -> str:
+    kept = Kept(out / "laws", followers.Searched)
     with console.parts("tuning", len(followers.laws(config)) + 1, "laws", (RuntimeError, ValueError)) as tick:
-        comparison, tuned = followers.compare(config, Kept(out / "laws", followers.Searched), tick)
+        comparison, tuned = followers.compare(config, kept, tick)
     return followers_page.write(comparison, tuned, out)
 
 
@@ -59,8 +61,9 @@ def _remedies(arguments: argparse.Namespace, console: Console, config: Config) -
         asked = remedies_study.Study(config)
         count = len(asked.remedies.found)
     out = begin(arguments, config)
+    kept = Kept(out / "remedies", followers.Searched)
     with console.parts("tuning", count + 2, "remedies", (RuntimeError, ValueError)) as tick:
-        tuned, wrong = remedies_study.compare(asked, Kept(out / "remedies", followers.Searched), tick)
+        tuned, wrong = remedies_study.compare(asked, kept, tick)
     text = remedies_page.write(asked, tuned, wrong, out)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
     return 0

@@ -32,10 +32,10 @@ def run(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError([Fault("FILE", arguments.file, f"a recording that can be read: {error}")]) from error
     out = new_folder(arguments.out, arguments.command)
-    text = recorded.write(recording, found, rows, out, doubts)
+    against = recorded.unfit(rows) if rows is not None else []
+    text = recorded.write(recording, found, rows, out, doubts, against)
     console.conclude(text, f"written to {out}; begin with {out}/report.html")
-    wrong = [*doubts, *(recorded.unfit(rows) if rows is not None else ())]
-    return 0 if {"pose", "command"} <= set(found) and not wrong else 1
+    return 0 if {"pose", "command"} <= set(found) and not doubts and not against else 1
 
 
 def reading(arguments: argparse.Namespace) -> dict[str, object]:

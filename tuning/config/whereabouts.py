@@ -18,11 +18,12 @@ from agvjax.engine.loop import RESOLUTION, farthest
 from agvjax.leaves import cast
 
 from . import mapped, routes
-from .ends import Moving, placed
+from .ends import DRAWS, Moving, placed
 from .settings import Config
 
 POINTS = 501
-START, DRAWN = "start.position", "ensemble.draws.start.position"
+START = "start.position"
+DRAWN = f"{DRAWS}.{START}"
 NEAR, NEAR_SHARE = 1.0, 0.1  # m, and share of the path's extent: a start farther off is worth a word
 FAR = 10.0  # m, or the path's extent: where every start that is drawn lies farther off, none follows the path
 LAP = 0.9  # of a lap; a shorter horizon is worth a word
@@ -65,7 +66,7 @@ def faults(config: Config, moving: Sequence[Moving] = ()) -> list[Fault]:
     extent = _extent(way)
     nearest = np.clip(way[0], starts.min(axis=0), starts.max(axis=0))
     gap = float(np.linalg.norm(nearest - way[0]))
-    drawn = any(axis.key == "ensemble.draws" and START in axis.spans for axis in moving)
+    drawn = any(axis.key == DRAWS and START in axis.spans for axis in moving)
     if drawn and gap > max(extent, FAR):
         rule = (
             f"nearer to where scenario.path begins, {_point(way[0] + off)}: every drawn start lies {gap:.4g} m or more"

@@ -148,12 +148,13 @@ def write(
     rows: Rows | None,
     folder: Path,
     doubts: Sequence[str] = (),
+    against: Sequence[str] = (),
 ) -> str:
-    """Report and figure into a folder, with what `chosen` doubts; returns what a terminal has room for."""
+    """Report and figure into a folder, with what `chosen` doubts and `unfit` says; returns what a terminal shows."""
     stamps = rows.stamps if rows is not None else "arrival"
     drive = rows if rows is not None and "x" in rows.columns else None
     driven = shares(drive) if drive is not None else []
-    said = verdict(found, driven, doubts, unfit(rows) if rows is not None else ())
+    said = verdict(found, driven, doubts, against)
     topics = table(recording, stamps)
     notes = [*(f"Missing: {line}." for line in recording.lost), *(rows.notes if rows is not None else ())]
     sections = [f"# What {recording.name} holds", *said]

@@ -114,6 +114,7 @@ def figure(points: list[Point], uses: np.ndarray, errors: np.ndarray, metric: st
                 last, place = uses[i, column], (uses[i, column], errors[i, column])
                 axes.annotate(f"{points[i].factor:.3g}", place, fontsize=7, xytext=(4, 3), textcoords="offset points")
         axes.set(xlabel=f"{name} {metric}", ylabel=f"{name} {goal}")
-    drawn.axes[0].legend(fontsize=8)
+    handles = drawn.axes[0].get_legend_handles_labels()
+    drawn.legend(*handles, fontsize=8, ncols=3, loc="outside lower center")  # beside the points, which may lie anywhere
     drawn.suptitle("on validation scenarios; numbers: the limit, times the starting gains'", fontsize=9)
     return drawn

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import agvjax
-from agvjax.geometry import wrap
-from agvjax.paths.heading import reference
+from agvjax._pytree import Real, number, pytree
+from agvjax.engine.loop import Sample
+from agvjax.engine.rollout import Meter
+from agvjax.metrics import tracking_error
 from agvjax.protocols import Law
 
 from ...config.settings import Config
@@ -32,21 +33,35 @@ def scenarios(scenario: agvjax.Scenario, values: dict[str, Array]) -> dict[str, 
     return leaves
 
 
+@pytree
+class LargestLate(Meter):
+    """The largest error of each channel from `late` on, accumulated over a run."""
+
+    late: Real = number(4.0, "s")
+
+    def weights(self, t: Array, left: Array, right: Array, end: Array) -> Array:
+        """1 where an instant counts."""
+        return (t >= self.late - 1e-9).astype(t.dtype)
+
+    def start(self, sample: Sample) -> Array:
+        """Nothing yet."""
+        return jnp.zeros_like(tracking_error(sample))
+
+    def update(self, tally: Array, sample: Sample, weights: Array) -> Array:
+        """With one more sample."""
+        return jnp.maximum(tally, weights * jnp.abs(tracking_error(sample)))
+
+    def finish(self, tally: Array, ok: Array, horizon: Array) -> tuple[Array, Array]:
+        """The errors, and whether the run has gone well."""
+        return tally, ok
+
+
 def late_errors(
-    law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: object
+    law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: Any
 ) -> tuple[Float[Array, "3 B"], Float[Array, " B"]]:
     """Largest errors in x, y [m] and heading [rad] from `late` on, and whether each run has gone well."""
-    batch = agvjax.batch(scenario, leaves)
-
-    def one(moved: agvjax.Scenario) -> tuple[Array, Array]:
-        run = agvjax.simulate(law, moved, **timing)
-        asked = jax.vmap(lambda t: reference(moved.path, moved.heading, t))(run.t)
-        turn = wrap(run.heading - asked.heading)
-        errors = jnp.abs(jnp.concatenate([run.position - asked.position, turn[:, None]], axis=1))
-        counts = (run.t >= late - 1e-9).astype(errors.dtype)
-        return jnp.max(errors * counts[:, None], axis=0), run.ok
-
-    worst, ok = jax.vmap(one, in_axes=(batch.axes,))(batch.scenario)
+    meter: Any = LargestLate(late=late)
+    worst, ok = agvjax.evaluate(law, agvjax.batch(scenario, leaves), criteria=meter, **timing)
     return worst.T, ok
 
 
