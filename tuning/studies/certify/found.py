@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -60,7 +60,7 @@ def late_errors(
     law: Law, scenario: agvjax.Scenario, leaves: dict[str, Array], late: float, **timing: Any
 ) -> tuple[Float[Array, "3 B"], Float[Array, " B"]]:
     """Largest errors in x, y [m] and heading [rad] from `late` on, and whether each run has gone well."""
-    meter: Any = LargestLate(late=late)
+    meter = cast(agvjax.Criteria, LargestLate(late=late))  # whose metrics are what it finishes with
     worst, ok = agvjax.evaluate(law, agvjax.batch(scenario, leaves), criteria=meter, **timing)
     return worst.T, ok
 
