@@ -1,8 +1,8 @@
 """Laws that follow a route by where the vehicle is: what they remember, and how they slow down and stop.
 
 They run in a computer (`Sampled`), once a period, and ask for a twist: speed and yaw rate. Their speed is the route's
-profile, slowed down in turns that they themselves steer, negative where the route is driven backwards, and 0 from where
-its end is reached.
+profile, slowed down in turns that they themselves steer, negative where the route is driven backwards, and 0 where it
+has to stand: from where its end is reached, and at stops for as long as they last.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ class Follower(Law):
     def advance(
         self, state: Followed, measurement: Measurement, reference: Reference, period: Real, limit: Real | None = None
     ) -> tuple[Command, Followed, Bool[Array, ""]]:
-        """One period: progress, twist, and a stop at the end of the route."""
+        """One period: progress, twist, and rest at stops and at the end of the route."""
         route = _route(reference)
         place = route.follow(measurement.position, state.place, measurement.velocity, jnp.asarray(period))
         twist, own = self.steer(state.own, place, route, measurement, period)
-        twist = jnp.where(route.arrived(place), 0.0, twist)
+        twist = jnp.where(route.stands(place), 0.0, twist)
         command = Command(position=twist, heading=jnp.zeros_like(measurement.heading), twist=twist)
         return command, Followed(place=place, own=own), jnp.zeros((), bool)
 

@@ -44,7 +44,7 @@ class Beside:
             heading_error=wrap(place.heading_error(seen.heading) - bend),
             speed=jnp.sum(seen.velocity * (place.tangent + bend * left)),
             yaw_rate=seen.yaw_rate,
-            wanted=place.speed,
+            wanted=jnp.where(route.stands(place), 0, place.speed),
             ahead=route.ahead_of_clock(place.arc + ahead, clock),
             arrived=last & (place.remaining - ahead <= route.reached),
             position=place.position + ahead * place.tangent + bend * ahead / 2 * left,

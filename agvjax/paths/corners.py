@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 
 from .laying import Laid, Leg
 from .points import signed
+from .stops import stops
 
 OFF = 1e-5  # m that the pieces may be off: the curvature jumps where lines and arcs meet
 STRAIGHT = 1e-9  # rad, a corner that is none
@@ -57,7 +58,12 @@ class Lines:
 
 
 def corners(
-    points: ArrayLike, speed: ArrayLike | None, closed: bool, radius: float | None, tolerance: float | None
+    points: ArrayLike,
+    speed: ArrayLike | None,
+    closed: bool,
+    radius: float | None,
+    tolerance: float | None,
+    dwell: ArrayLike = 0.0,
 ) -> Laid:
     """Lines between points, rounded, as a route; see `Route.corners`."""
     if (radius is None) == (tolerance is None):
@@ -65,6 +71,7 @@ def corners(
     name, value = ("tolerance", tolerance) if radius is None else ("radius", radius)
     if value is None or not (np.isfinite(value) and value > 0):
         raise ValueError(f"{name} must be finite and > 0; got {value}")
+    points, speed, halts = stops(points, speed, dwell, closed, _back)
     points, speeds = signed(points, speed, least=3 if closed else 2)
     parts = _parts(points, closed, radius, tolerance)
     cuts = [0, *(i for i, part in enumerate(parts) if part.back), len(parts)]
@@ -76,8 +83,26 @@ def corners(
         if legs and signs[0] == legs[-1].sign:
             raise ValueError("speed must change its sign where the lines turn back, by more than 170 degrees")
         lines = Lines(parts[first:last], np.abs(speeds))
-        legs.append(Leg(lines, float(lines.marks[-1]), lines.speed, OFF, signs[0]))
+        ends = halts.get(parts[last].line, 0.0) if last < len(parts) else 0.0
+        leg = Leg(lines, float(lines.marks[-1]), lines.speed, OFF, signs[0], dwell=ends)
+        legs += leg.cut(_within(parts[first:last], lines.marks, halts))
     return Laid(legs, closed)
+
+
+def _back(points: np.ndarray, number: int) -> bool:
+    """Whether lines turn back at a point."""
+    before, after = points[number, :2] - points[number - 1, :2], points[number + 1, :2] - points[number, :2]
+    cross, along = before[0] * after[1] - before[1] * after[0], before @ after
+    return bool(abs(np.arctan2(cross, along)) > BACK)
+
+
+def _within(parts: Sequence[Part], marks: np.ndarray, halts: Mapping[int, float]) -> dict[float, float]:
+    """Where [m] on these parts a vehicle stops and how long: where a line begins, or in the middle of its arc."""
+    found: dict[float, float] = {}
+    for i, part in enumerate(parts):
+        if part.line in halts and (i and parts[i - 1].line != part.line):
+            found[float(marks[i]) + (part.length / 2 if part.curvature else 0.0)] = halts[part.line]
+    return found
 
 
 def _parts(points: np.ndarray, closed: bool, radius: float | None, tolerance: float | None) -> list[Part]:

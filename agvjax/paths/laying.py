@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from . import profile
 from .arc import Integral, Spline, quintics
 from .points import checked, numbers, signed
 from .profile import SpeedLimits
+from .stops import stops
 
 BLOCK = 4096  # instants at which a path is looked at together
 COARSE = 100.0  # times the usual deviation, that as many pieces as there may be are still taken with
@@ -37,6 +38,7 @@ class Leg:
         off: how far off [m] its pieces may be.
         sign: 1 forwards, -1 backwards.
         marks: where [m] the points lie that it was laid through, of a closed one the first once more.
+        dwell: how long [s] a vehicle stands where it ends.
     """
 
     curve: Curve
@@ -45,6 +47,18 @@ class Leg:
     off: float
     sign: float = 1.0
     marks: np.ndarray | None = None
+    dwell: float = 0.0
+
+    def cut(self, stops: Mapping[float, float]) -> list[Leg]:
+        """Its parts between stops on the way, by where they are [m]: how long [s] each lasts."""
+        bounds = [0.0, *sorted(stops), self.length]
+        return [self._part(first, last, stops.get(last, self.dwell)) for first, last in itertools.pairwise(bounds)]
+
+    def _part(self, first: float, last: float, dwell: float) -> Leg:
+        marks = None if self.marks is None else self.marks - first
+        part = dataclasses.replace(self, length=last - first, marks=marks, dwell=dwell)
+        part.curve, part.speed = (lambda s: self.curve(s + first)), (lambda s: self.speed(s + first))
+        return part
 
     def pieces(self) -> np.ndarray:
         """Pieces (n, 6, 2) of equal length that are near enough.
@@ -87,7 +101,8 @@ class Laid:
             lows.append(square[:-1])
             changes.append(np.diff(square))
             times.append(2 * h / (root[:-1] + root[1:]))
-            heads.append((begin, 1 / h, first, leg.sign))
+            times[-1][-1] += leg.dwell
+            heads.append((begin, 1 / h, first, leg.sign, leg.dwell))
             begin, first = begin + leg.length, first + n
         instants = np.r_[0, np.cumsum(np.concatenate(times))]
         arrays = {"table": np.concatenate(tables, axis=1), "legs": np.array(heads).T, "length": np.asarray(begin)}
@@ -116,16 +131,19 @@ class Laid:
             left, right = np.broadcast_to(given, (2,))
             ones = np.ones(sum(pieces))
             return np.stack([left * ones, 0 * ones, right * ones, 0 * ones])
-        marks = self.legs[0].marks
-        if given.shape != (self.points, 2) or marks is None or len(self.legs) > 1:
+        rows = np.r_[given, given[:1]] if self.closed and given.ndim else given
+        marks = [leg.marks for leg in self.legs]
+        if given.shape != (self.points, 2) or any(mark is None or len(mark) != len(rows) for mark in marks):
             raise ValueError(
                 f"half_width must be a number, left and right, or both for each of the points of a spline that is"
                 f" driven one way; its shape is {given.shape}"
             )
-        given = np.r_[given, given[:1]] if self.closed else given
-        knots = np.linspace(0, self.legs[0].length, pieces[0] + 1)
-        left, right = (np.interp(knots, marks, column) for column in given.T)
-        return np.stack([left[:-1], np.diff(left), right[:-1], np.diff(right)])
+        parts = []
+        for leg, n in zip(self.legs, pieces, strict=True):
+            knots = np.linspace(0, leg.length, n + 1)
+            left, right = (np.interp(knots, np.asarray(leg.marks), column) for column in rows.T)
+            parts.append([left[:-1], np.diff(left), right[:-1], np.diff(right)])
+        return np.concatenate(parts, axis=1)
 
 
 class _Timed:
@@ -183,8 +201,9 @@ def along(path: Path, until: float | None, faster: float = 1.0) -> Laid:
     return Laid([Leg(curve, float(curve.arc.values[-1]), curve.speed, off)], closed)
 
 
-def through(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> Laid:
+def through(points: ArrayLike, speed: ArrayLike | None, closed: bool, dwell: ArrayLike = 0.0) -> Laid:
     """A spline through points as a route; see `Route.through`."""
+    points, speed, halts = stops(points, speed, dwell, closed)
     points, speeds = signed(points, speed)
     signs = np.sign(speeds)
     if closed and np.any(signs != signs[0]):
@@ -201,5 +220,6 @@ def through(points: ArrayLike, speed: ArrayLike | None, closed: bool) -> Laid:
         spline = Spline(rows[:, :2], closed)
         off = OFF * float(np.linalg.norm(np.ptp(rows[:, :2], axis=0)))
         speeding, length = spline.speeds(rows[:, 2]), float(spline.marks[-1])
-        legs.append(Leg(spline, length, speeding, off, signs[first], spline.marks))
+        leg = Leg(spline, length, speeding, off, signs[first], spline.marks, halts.get(last, 0.0))
+        legs += leg.cut({float(spline.marks[k - first]): time for k, time in halts.items() if first < k < last})
     return Laid(legs, closed, len(points))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._pytree import Numbers
+from ..geometry import safe_sqrt
 
 STEPS = 2  # of Newton's method on a piece
 FLAT = 0.2  # least of 1 - curvature x deviation in them: at 0 lies the centre of the curve, equally near to all of it
@@ -24,11 +25,13 @@ class Leg(NamedTuple):
     first: Array  # its first piece
     beyond: Array  # the first piece that is the next leg's
     sign: Array  # 1 forwards, -1 backwards
+    dwell: Array  # s, how long a vehicle stands where it ends
 
     @classmethod
-    def of(cls, begins: Array, ends: Array, pace: Array, first: Array, beyond: Array, sign: Array) -> Leg:
-        """From what a route's tables say of it."""
-        return cls(begins, ends, begins - first / pace, pace, first, beyond, sign)
+    def of(cls, rows: Sequence[Array], ends: Array, beyond: Array) -> Leg:
+        """From rows of a route's table of legs, and where a leg ends."""
+        begins, pace, first, sign, dwell = rows
+        return cls(begins, ends, begins - first / pace, pace, first, beyond, sign, dwell)
 
 
 class Piece(NamedTuple):
@@ -69,6 +72,34 @@ class Piece(NamedTuple):
             step = slope / jnp.maximum(bend - jnp.sum(away * second), FLAT * bend) / self.leg.pace
             arc = arc + jnp.clip(step, -most, most)
         return arc
+
+
+def by_clock(
+    t: Array, instants: Numbers, legs: Numbers, look: Callable[[str, int, Array], Array]
+) -> tuple[Array, Array]:
+    """Arc length [m] and leg at a time [s] within a route, at constant acceleration within a piece."""
+    instants, last = jnp.asarray(instants), instants.shape[0] - 1
+    piece = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, last - 1)
+    square, change = (look("squares", k, piece) for k in range(2))
+    begins, pace, first, _, _ = (jnp.asarray(row) for row in legs)
+    leg = jnp.sum(piece.astype(t.dtype) >= first).astype(int) - 1
+    after = t - instants[piece]
+    if legs.shape[1] > 1:  # where a leg ends it may stand for a while
+        whole = 2 / (pace[leg] * (safe_sqrt(square) + safe_sqrt(square + change)))
+        after = jnp.where(after > whole, whole, after)
+    way = after * (safe_sqrt(square) + after * change * pace[leg] / 4)
+    return begins[leg] + (piece.astype(t.dtype) - first[leg]) / pace[leg] + way, leg.astype(t.dtype)
+
+
+def far(position: Array, ahead: Array, weight: Array) -> Callable[..., Array]:
+    """A function of where a piece begins and of its slope there: squared distance, and by `weight` [m] off `ahead`."""
+    x0, y0, x_ahead, y_ahead = position[0], position[1], ahead[0], ahead[1]
+
+    def score(x: Array, x_rate: Array, y: Array, y_rate: Array) -> Array:
+        cosine = (x_ahead * x_rate + y_ahead * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
+        return (x - x0) ** 2 + (y - y0) ** 2 + 2 * weight**2 * (1 - cosine)
+
+    return score
 
 
 def look(table: Numbers, row: int, number: Array) -> Array:

@@ -2,8 +2,9 @@
 
 Laid on the host (`Route.along` any path, `Route.through` points, `Route.corners` points joined by straight lines) and
 looked up in the loop. A route has one or more legs, each driven forwards or backwards; where they meet the vehicle
-stops and turns back. Its speed is a profile over the arc length. A law remembers its progress along the route
-(`Place`), moved at its instants by `Route.follow`: so it stays on its branch where the route crosses itself.
+stops, for as long as it is told, and goes on or turns back. Its speed is a profile over the arc length. A law remembers
+its progress along the route (`Place`), moved at its instants by `Route.follow`: so it stays on its branch where the
+route crosses itself.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ..geometry import direction, safe_sqrt
 from ..protocols import Path
 from .corners import corners
 from .laying import Laid, along, through
-from .pieces import FLAT, Leg, Piece, look, of_leg
+from .pieces import FLAT, Leg, Piece, by_clock, far, look, of_leg
 from .place import Place
 from .profile import SpeedLimits
 
@@ -44,7 +45,7 @@ class Route(Path):
     table: Numbers  # (12, n) m, coefficients of the powers of the share of n pieces, x then y
     squares: Numbers  # (2, n) m^2/s^2, squared speed at the beginning of each piece, and its change over it
     instants: Numbers  # (n + 1,) s, when each piece begins by the clock, and the end
-    legs: Numbers  # (4, m) of each leg: where it begins [m], pieces in a metre, its first piece, its sign
+    legs: Numbers  # (5, m) of each leg: beginning [m], pieces in a metre, first piece, sign, standing at its end [s]
     length: Numbers  # m
     reached: Real = number(0.02, "m", POSITIVE, "from the end of a leg, where it is done")
     half_widths: Numbers | None = None  # (4, n) m, left and right at the beginning of each piece, and their changes
@@ -82,25 +83,27 @@ class Route(Path):
         points: ArrayLike,
         speed: ArrayLike | None = None,
         *,
+        dwell: ArrayLike = 0.0,
         closed: bool = False,
         limits: SpeedLimits | None = None,
         half_width: ArrayLike = 0.0,
     ) -> Route:
         """A spline through points (N, 2) [m], as `Waypoints.through` lays it, driven backwards where speed is negative.
 
-        Where the sign changes, at the first point with the other one, a leg ends.
+        A leg ends where the sign changes, at the first point with the other one, and where the vehicle stops.
 
         Args:
             points: (N, 2) m, or (N, 3) with a speed each.
-            speed: m/s, one or one for each point; 1 m/s where none is given.
+            speed: m/s, one or one for each point; 1 m/s where none is given; 0 at stops, reached at the speed around.
+            dwell: how long [s] it stands: at every point of speed 0, or a time for each point, above 0 where it stops.
             closed: whether it goes on from the last point to the first.
             limits: what the speed is reduced to; see `SpeedLimits`.
             half_width: of a corridor [m], one, left and right, or (N, 2); 0: no corridor.
 
         Raises:
-            ValueError: too few points, equal ones, numbers that are none, a speed of 0.
+            ValueError: too few points, equal ones, numbers that are none, a stop on a closed route or at an end.
         """
-        return cls._of(through(points, speed, closed), limits, half_width)
+        return cls._of(through(points, speed, closed, dwell), limits, half_width)
 
     @classmethod
     def corners(
@@ -110,6 +113,7 @@ class Route(Path):
         *,
         radius: float | None = None,
         tolerance: float | None = None,
+        dwell: ArrayLike = 0.0,
         closed: bool = False,
         limits: SpeedLimits | None = None,
         half_width: ArrayLike = 0.0,
@@ -121,6 +125,7 @@ class Route(Path):
             speed: m/s, one or one for each line by its first point; negative: backwards.
             radius: of every corner [m].
             tolerance: how far [m] from a corner its arc may pass; arcs are made as wide as it and the lines allow.
+            dwell: as in `through`; at a corner it stands in the middle of the arc.
             closed: whether a line leads from the last point to the first.
             limits: what the speed is reduced to.
             half_width: of a corridor [m].
@@ -128,7 +133,7 @@ class Route(Path):
         Raises:
             ValueError: as `through`; neither or both of radius and tolerance; a corner that an arc does not fit in.
         """
-        return cls._of(corners(points, speed, closed, radius, tolerance), limits, half_width)
+        return cls._of(corners(points, speed, closed, radius, tolerance, dwell), limits, half_width)
 
     @classmethod
     def _of(cls, laid: Laid, limits: SpeedLimits | None, half_width: ArrayLike) -> Route:
@@ -157,22 +162,14 @@ class Route(Path):
 
     def clock(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Arc length [m] and leg at a time [s], at constant acceleration within a piece."""
-        instants, last = jnp.asarray(self.instants), self.instants.shape[0] - 1
-        end = instants[last]
+        end = jnp.asarray(self.instants)[-1]
         # not clip: its slope is a half at either end
         t = jnp.mod(t, end) if self.closed else jnp.where(t > end, end, jnp.where(t < 0, jnp.zeros_like(t), t))
-        piece = jnp.clip(jnp.searchsorted(instants, t, side="right") - 1, 0, last - 1)
-        square, change = (self.look("squares", k, piece) for k in range(2))
-        begins, pace, first, _ = (jnp.asarray(row) for row in self.legs)
-        leg = jnp.sum(piece.astype(t.dtype) >= first).astype(int) - 1
-        after = t - instants[piece]
-        way = after * (safe_sqrt(square) + after * change * pace[leg] / 4)
-        return begins[leg] + (piece.astype(t.dtype) - first[leg]) / pace[leg] + way, leg.astype(t.dtype)
+        return by_clock(t, self.instants, self.legs, self.look)
 
     def ahead_of_clock(self, arc: Float[Array, ""], clock: Float[Array, ""]) -> Float[Array, ""]:
         """How far [m] a vehicle is before where it would be by the clock; on a closed route at most half a lap."""
-        away = arc - clock
-        length = jnp.asarray(self.length)
+        away, length = arc - clock, jnp.asarray(self.length)
         return away - length * jnp.round(away / length) if self.closed else away
 
     def at(self, arc: Float[Array, ""], leg: Float[Array, ""]) -> Place:
@@ -189,8 +186,7 @@ class Route(Path):
         """A place whose piece has been looked up."""
         share = piece.share(arc)
         p, rate, second = piece.curve(share)
-        length = jnp.sqrt(jnp.sum(rate * rate))
-        inside = jnp.clip(share, 0, 1)
+        length, inside = jnp.sqrt(jnp.sum(rate * rate)), jnp.clip(share, 0, 1)
         square, change = (self.look("squares", k, piece.number) for k in range(2))
         room = None
         if self.half_widths is not None:
@@ -205,6 +201,7 @@ class Route(Path):
             speed=safe_sqrt(jnp.maximum(square + change * inside, 0)),
             sign=piece.leg.sign,
             remaining=self._leg_end(leg) - arc,
+            waited=jnp.zeros_like(arc),
             room=room,
         )
 
@@ -214,7 +211,7 @@ class Route(Path):
         """The place of a vehicle that was at another `h` [s] ago: the nearest point of its leg, or the next leg.
 
         By Newton's method from the curve as it was there. Progress moves by little more than the vehicle can have come,
-        so that it does not leap to another branch; and to the next leg where no more than `reached` [m] is left.
+        so that it does not leap to another branch; and to the next leg as `onward` says.
         """
         most = PACE * h * safe_sqrt(jnp.sum(velocity**2)) + jnp.minimum(SLIDE * jnp.asarray(self.length), SLOWEST)
         tight = jnp.maximum(1 - place.curvature * place.across(position), FLAT)
@@ -223,19 +220,29 @@ class Route(Path):
         arc = piece.nearest(position, arc, most)
         kept = self._kept(arc, place.leg)  # the piece of a closed route goes on past the seam
         now = self._on(piece, self.by_kind(lambda: arc, lambda: kept), place.leg)
-        return self.onward(dataclasses.replace(now, arc=kept))
+        return self.onward(dataclasses.replace(now, arc=kept, waited=place.waited), h)
 
-    def onward(self, place: Place) -> Place:
-        """The beginning of the next leg where no more than `reached` [m] of this one is left."""
+    def onward(self, place: Place, h: Float[Array, ""]) -> Place:
+        """The beginning of the next leg where no more than `reached` [m] of this one is left and it has stood there.
+
+        It stands from the instant at which it gets there, for the number of steps of `h` [s] next to its dwell time.
+        """
         if self.legs.shape[1] == 1:
             return place
-        over = (place.remaining <= self.reached) & (place.leg < self.last_leg())
+        there = (place.remaining <= self.reached) & (place.leg < self.last_leg())
+        waited = place.waited + jnp.where(there, h, 0)
+        over = there & (waited > self.of_leg(place.leg).dwell + h / 2)
         arc = jnp.where(over, self._leg_end(place.leg), place.arc)
-        return self._at(arc, place.leg + over.astype(place.leg.dtype))
+        now = self._at(arc, place.leg + over.astype(place.leg.dtype))
+        return dataclasses.replace(now, waited=jnp.where(over, 0, waited))
 
     def arrived(self, place: Place) -> Bool[Array, ""]:
         """Whether a vehicle is within `reached` of the end of an open route."""
         return (place.leg >= self.last_leg()) & (place.remaining <= self.reached)
+
+    def stands(self, place: Place) -> Bool[Array, ""]:
+        """Whether a vehicle has to stand: at the end, or at a stop that it has not waited at for long enough."""
+        return (place.remaining <= self.reached) & ((place.leg >= self.last_leg()) | (place.waited > 0))
 
     def search(self, position: Float[Array, "2"], heading: Float[Array, ""]) -> Place:
         """Where on the whole route a vehicle with this heading starts: near, and in the direction that it looks in.
@@ -243,14 +250,8 @@ class Route(Path):
         Of two places the nearer one, a heading that is off by an angle a counted as 2 sin(a / 2) m, at most as that
         times a tenth of the route's length. On a route with several legs it starts with the first.
         """
-        leg = jnp.zeros_like(heading)
-        on = self.of_leg(leg)
-        x0, y0, ahead = position[0], position[1], direction(heading) * on.sign
-        x_ahead, y_ahead, weight = ahead[0], ahead[1], jnp.minimum(TURN, jnp.asarray(self.length) / 10)
-
-        def score(x: Array, x_rate: Array, y: Array, y_rate: Array) -> Array:
-            cosine = (x_ahead * x_rate + y_ahead * y_rate) / jnp.sqrt(x_rate**2 + y_rate**2)
-            return (x - x0) ** 2 + (y - y0) ** 2 + 2 * weight**2 * (1 - cosine)
+        leg, on = jnp.zeros_like(heading), self.of_leg(jnp.zeros_like(heading))
+        score = far(position, direction(heading) * on.sign, jnp.minimum(TURN, jnp.asarray(self.length) / 10))
 
         def nearer(arc: Array) -> Array:
             return self._kept(self._piece(arc, leg).nearest(position, arc, 1 / on.pace), leg)
@@ -283,9 +284,9 @@ class Route(Path):
 
     def of_leg(self, leg: Array) -> Leg:
         """The numbers of a leg."""
-        begins, pace, first, sign = (jnp.asarray(row) for row in self.legs)
-        ends, beyond = (jnp.append(row, end)[1:] for row, end in ((begins, self.length), (first, self.table.shape[1])))
-        return Leg(*(of_leg(row, leg) for row in Leg.of(begins, ends, pace, first, beyond, sign)))
+        rows = [jnp.asarray(row) for row in self.legs]
+        ends, beyond = (jnp.append(rows[k], end)[1:] for k, end in ((0, self.length), (2, self.table.shape[1])))
+        return Leg(*(of_leg(row, leg) for row in Leg.of(rows, ends, beyond)))
 
     def look(self, table: str, row: int, number: Array) -> Array:
         """The number of a piece in a row of `table`, `squares` or `half_widths`."""

@@ -203,7 +203,7 @@ class Server:
         told = self.library.laid(pointers[0], *more, *pointers[1:]).decode()
         columns, found = (sizes[0], sizes[0], sizes[1]), {"length": length[0]}
         for name, rows, n, x in zip(
-            ("coefficients", "squared_speeds", "each_leg"), (12, 2, 4), columns, room, strict=True
+            ("coefficients", "squared_speeds", "each_leg"), (12, 2, 5), columns, room, strict=True
         ):
             found[name] = x[: rows * n].reshape(rows, n)
         return found, told

@@ -27,6 +27,7 @@ SOURCES = {  # where the numbers of a path and of a disturbance come from: one o
     "scenario.path": ("file", "points", "along"),
     "scenario.disturbance": ("file", "times"),
 }
+ROUNDED = ("radius", "tolerance")  # of corners: one takes the place of the other
 KEPT = ("type", "half_width", "limits")  # of a path whose points are others: what is of the vehicle and its corridor
 PRESETS = Path(__file__).with_name("presets")
 BUILT_IN = (*VEHICLES, "base", "ackermann", "forklift", "paper-goal", "all-gains")
@@ -237,14 +238,17 @@ def _merge(into: dict[str, Toml], table: Mapping[str, Toml], built_in: bool, at:
 
 
 def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Sequence[str], anew: bool) -> None:
-    """Take out of `before` the numbers that a table takes from elsewhere, and what belongs to each of them.
+    """Take out of `before` what a table says otherwise: how corners are rounded; numbers, and what belongs to each.
 
     `anew` leaves what is `KEPT` alone: the corners' radius and the speed of a built-in path are of that path.
     """
+    if sources and any(name in table for name in ROUNDED):
+        for name in ROUNDED:
+            before.pop(name, None)
     mine, given = ({name for name in sources if name in one} for one in (before, table))
     if not (mine and given):
         return
-    lists = {n for n in ("speed", "half_width") if isinstance(before.get(n), list) and len(before[n]) != 2}
+    lists = {n for n in ("speed", "half_width", "dwell") if isinstance(before.get(n), list) and len(before[n]) != 2}
     gone = {*sources, "columns", "topic", "spacing", "values", *lists}
     gone |= set(before) - set(KEPT) if anew and not mine & given else set()
     rows = table.get("points")

@@ -48,12 +48,16 @@ def _waypoints(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Waypoin
 
 
 def _points(
-    table: Mapping[str, Toml], closed: Toml, optional: Sequence[str] = ("speed",), note: Note = unsaid
+    table: Mapping[str, Toml],
+    closed: Toml,
+    optional: Sequence[str] = ("speed",),
+    note: Note = unsaid,
+    stops: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Points, (N, 2) or with a speed each (N, 3), and half widths (N, 2) where the file has both."""
     source, widths = _source(table, "points"), None
     if source == "file":
-        points, speed, widths = track_of(table, bool(closed), optional, note)
+        points, speed, widths = track_of(table, bool(closed), optional, note, stops)
     else:
         rule = "a list of [x, y] in m, or of [x, y, speed]"
         rows = array(table, "points", rule)
@@ -72,7 +76,7 @@ def _points(
 
 
 def track_of(
-    table: Mapping[str, Toml], closed: bool, optional: Sequence[str], note: Note
+    table: Mapping[str, Toml], closed: bool, optional: Sequence[str], note: Note, stops: bool = False
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Points (N, 2), speeds and half widths of the table's file, where it has them."""
     file, spacing = table["file"], table.get("spacing")
@@ -96,7 +100,7 @@ def track_of(
     else:
         columns = columns_of(table, ("x", "y"), optional, note)
     try:
-        track = tracks.waypoints(columns, closed, "speed" in table, spacing)
+        track = tracks.waypoints(columns, closed, "speed" in table, spacing, stops)
     except ValueError as error:
         wrong("file", file, f"what a path can be made of ({error})")
     for text in track.said:
@@ -114,7 +118,8 @@ def _route(table: Mapping[str, Toml], note: Note = unsaid) -> agvjax.Route:
     if "file" not in table and "points" not in table:
         wrong("file", "", "the name of a CSV file, where there are neither points nor a shape that the route is along")
     cornered = set(table) & {"radius", "tolerance", "half_width"}  # the file's widths are of a spline alone
-    rows, widths = _points(table, table.get("closed"), ("speed",) if cornered else ("speed", "left", "right"), note)
+    optional = ("speed",) if cornered else ("speed", "left", "right")
+    rows, widths = _points(table, table.get("closed"), optional, note, stops=True)
     if {"file", "half_width"} <= set(table) and _has_widths(table["file"]):
         note(f"{table['file']}: its widths do not count beside scenario.path.half_width = {table['half_width']}")
     return routes.laid(table, rows, widths)
@@ -164,7 +169,8 @@ FILE = {
     " drive that a path cannot be laid through: standing still and jitter",
     "columns": "where a quantity stands in the file, where the file has another name or unit for it",
     "points": "instead of a file: a list of [x, y] [m], or of [x, y, speed]",
-    "speed": "speed [m/s], or one for each point; negative, on a route, backwards; 1 m/s where none is given",
+    "speed": "speed [m/s], or one for each point; negative, on a route, backwards, and 0 on the way a stop; 1 m/s where"
+    " none is given",
 }
 RECIPES: dict[type, Recipe] = {
     agvjax.Waypoints: Recipe(

@@ -20,6 +20,7 @@ SHAPES = {name: cls for name, cls in CLASSES["scenario.path"].items() if cls is 
 LAYING = {  # what a route can be told, and what it means
     "along": "instead of a file or points: the route of a shape, by its name or as a table with its type",
     "closed": "whether the path goes on from its last point to its first",
+    "dwell": "how long the vehicle stands [s] where the speed is 0 on the way; or one for each point, above 0 at stops",
     "radius": "of every corner [m]: straight lines with rounded corners instead of a spline",
     "tolerance": "how far from a corner its arc may pass [m]: straight lines with rounded corners instead of a spline",
     "until": "where a route along a shape ends by the shape's clock [s]; without it at its lap or end",
@@ -28,6 +29,10 @@ LAYING = {  # what a route can be told, and what it means
     "half_width": "of a corridor on either side [m], one number or left and right; 0: no corridor",
 }
 FLAGS = ("closed",)
+LISTS = {  # that may be more than a number
+    "half_width": "a number in m, left and right, or a pair for each point",
+    "dwell": "a number in s, or one for each point",
+}
 
 
 def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray | None) -> agvjax.Route:
@@ -45,15 +50,15 @@ def laid(table: Mapping[str, Toml], rows: np.ndarray | None, widths: np.ndarray 
     origin = (0.0, 0.0) if rows is None else tracks.origin(rows)
     try:
         if rows is None:
-            _absent(table, ("closed", "radius", "tolerance", "speed"), "where the route is along a shape")
+            _absent(table, ("closed", "dwell", "radius", "tolerance", "speed"), "where the route is along a shape")
             route = agvjax.Route.along(_shape(table["along"]), until=given.get("until"), faster=quicker, **common)
         else:
             _absent(table, ("until",), "but where the route is along a shape")
             points, speed = rows[:, :2] - origin, quicker * (rows[:, 2] if rows.shape[1] == 3 else 1.0)
-            closed = given.get("closed", False)
+            closed, dwell = given.get("closed", False), given.get("dwell", 0.0)
             corner = {name: given[name] for name in ("radius", "tolerance") if name in given}
             lay: Any = agvjax.Route.corners if corner else agvjax.Route.through
-            route = lay(points, speed, closed=closed, **corner, **common)
+            route = lay(points, speed, dwell=dwell, closed=closed, **corner, **common)
     except ValueError as error:
         if isinstance(error, agvjax.InputError):
             raise
@@ -116,8 +121,8 @@ def _value(table: Mapping[str, Toml], name: str) -> Any:
     array = numbers(value)
     if name == "faster" and (array is None or array.ndim or not 0 < array < np.inf):
         raise agvjax.InputError([agvjax.Fault(name, value, "a number > 0, times the speed")])
-    if array is None or not array.size or (array.ndim and name != "half_width"):
-        rule = "a number in m, left and right, or a pair for each point" if name == "half_width" else "a number"
+    if array is None or not array.size or (array.ndim and name not in LISTS):
+        rule = LISTS.get(name, "a number")
         raise agvjax.InputError([agvjax.Fault(name, value, rule)])
     return array if array.ndim else float(array)
 

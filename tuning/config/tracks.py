@@ -38,7 +38,9 @@ def origin(rows: np.ndarray) -> tuple[float, float]:
     return x, y
 
 
-def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spacing: float | None) -> Track:
+def waypoints(
+    columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spacing: float | None, stops: bool = False
+) -> Track:
     """The waypoints of columns x, y and perhaps speed, t, left and right.
 
     Args:
@@ -46,6 +48,7 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
         closed: whether the path goes on from its last point to its first.
         fixed: whether the speed is said elsewhere.
         spacing: at least so far apart [m]; None: a recorded drive as far as it takes, others as they are.
+        stops: whether the vehicle may stop on the way, where the speed is 0; not on a closed path.
 
     Raises:
         ValueError: the points make no path at any spacing.
@@ -58,24 +61,34 @@ def waypoints(columns: Mapping[str, np.ndarray], closed: bool, fixed: bool, spac
         kept = drives.thinned(points, closed, t is not None)
     else:
         kept = drives.Thinned(drives.apart(points, spacing), spacing)
-    said, speed = [], columns.get("speed")
+    said, speed, halts = [], columns.get("speed"), np.zeros(0, int)
     if (fewer := len(points) - len(kept.rows)) > 0:
         near = f"nearer than {kept.spacing:.3g} m to the one before (standing still, jitter; scenario.path.spacing)"
         said.append(f"{fewer} of {len(points)} points left out, {near}")
     if speed is not None:
+        halts = drives.halts(speed, kept) if stops and not closed and not fixed else halts
         speed = speed[kept.rows]
+        speed[halts] = 0.0
     elif t is not None and not fixed:
         speed, words = _driven(points, t, kept)
         said.append(words)
     if speed is not None and not fixed:
-        speed, still = drives.moving(speed)
-        crawl = f"{drives.CRAWL:.0%} of the largest"
-        said += [f"speed 0 at {still} of {len(speed)} points taken for {crawl}, for a path does not stand"] * (
-            still > 0
-        )
+        speed, words = _slowest(speed, halts, "" if stops and not closed else ", for only an open route has stops")
+        said += words
     both = "left" in columns and "right" in columns
     widths = np.column_stack([columns["left"], columns["right"]])[kept.rows] if both else None
     return Track(points[kept.rows], speed, widths, said)
+
+
+def _slowest(speed: np.ndarray, halts: np.ndarray, why: str) -> tuple[np.ndarray, list[str]]:
+    """Speeds that are 0 at these stops alone, and the words for it."""
+    speed, still = drives.moving(speed)
+    speed[halts], still, said = 0.0, still - len(halts), []
+    if len(halts):
+        said.append(f"it stops at {len(halts)} of {len(speed)} points, where its speed is 0 (scenario.path.dwell)")
+    if still > 0:
+        said.append(f"speed 0 at {still} of {len(speed)} points taken for {drives.CRAWL:.0%} of the largest{why}")
+    return speed, said
 
 
 def _driven(points: np.ndarray, t: np.ndarray, kept: drives.Thinned) -> tuple[np.ndarray, str]:

@@ -109,7 +109,7 @@ def fastest(route: Route | None) -> tuple[float, float]:
     if route is None:
         return 0.0, 0.0
     begins, changes = np.asarray(route.squares)
-    _, _, first, sign = np.asarray(route.legs)
+    _, _, first, sign, _ = np.asarray(route.legs)
     leg = np.searchsorted(first, np.arange(begins.size), side="right") - 1
     speed = np.sqrt(np.maximum(begins, begins + changes))
     forwards, backwards = (np.max(speed, initial=0.0, where=sign[leg] == side) for side in (1.0, -1.0))

@@ -38,7 +38,9 @@ TABLES = {  # by the names that they have in a `Route`
     "table": Table("coefficients", "pieces", "m, 12 rows: of the powers 0 to 5 of the share of a piece, x, then y"),
     "squares": Table("squared_speeds", "pieces", "m^2/s^2, 2 rows: where the piece begins, and the change over it"),
     "legs": Table(
-        "each_leg", "legs", "4 rows: where it begins [m], pieces in a metre, its first piece, 1 or -1 backwards"
+        "each_leg",
+        "legs",
+        "5 rows: where it begins [m], pieces in a metre, its first piece, 1 or -1 backwards, standing at its end [s]",
     ),
 }
 CORRIDOR = "half_widths"  # a table that is not exported
@@ -102,9 +104,9 @@ class Tabled(Route):
             value = function(value)
         return value
 
-    def onward(self, place: Place) -> Place:
+    def onward(self, place: Place, h: Array) -> Place:
         """As every route, and where it has one leg the place stays as it was found."""
-        return lax.cond(self.count > 1, super().onward, lambda now: now, place)
+        return lax.cond(self.count > 1, super().onward, lambda now, _: now, place, h)
 
     def last_leg(self) -> Real:
         """An argument less 1."""
@@ -112,11 +114,11 @@ class Tabled(Route):
 
     def of_leg(self, leg: Array) -> Leg:
         """Rows of the table of legs; where a leg ends, the next begins."""
-        begins, pace, first, sign = (self._of_leg(row, leg) for row in range(4))
+        rows = [self._of_leg(row, leg) for row in range(5)]
         last = leg >= self.last_leg()
         ends, beyond = jnp.asarray(self.length), jnp.asarray(self.pieces)
         ends = jnp.where(last, ends, self._of_leg(0, leg + 1))
-        return Leg.of(begins, ends, pace, first, jnp.where(last, beyond, self._of_leg(2, leg + 1)), sign)
+        return Leg.of(rows, ends, jnp.where(last, beyond, self._of_leg(2, leg + 1)))
 
     def _of_leg(self, row: int, leg: Array) -> Array:
         return lookup_p.bind(leg, jnp.asarray(self.count), table=TABLES["legs"].name, row=row)

@@ -110,6 +110,14 @@ def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray
     return (np.array([*begin, *way]) + np.array([*way, *end])) / 2, stood
 
 
+def halts(speed: np.ndarray, kept: Thinned) -> np.ndarray:
+    """Which waypoints are stops, by number: of each row of zeros of the speed (N,) on the way the first."""
+    still = np.flatnonzero(np.abs(speed) <= STILL * np.abs(speed).max(initial=0.0))
+    at = np.unique(np.searchsorted(kept.rows, still, side="right") - 1)  # a row that was left out: the one before it
+    runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+    return np.array([run[0] for run in runs if run.size and run[0] > 0 and run[-1] < len(kept.rows) - 1], int)
+
+
 def moving(speed: np.ndarray) -> tuple[np.ndarray, int]:
     """Speeds of which none is zero: where the vehicle stands, a crawl in the direction of what is next; how many."""
     most = float(np.abs(speed).max(initial=0.0))

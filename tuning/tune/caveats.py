@@ -19,6 +19,7 @@ from .methods.objective import TOLERANCE, Objective, Requirement
 WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
 MUCH_WORSE = 0.5  # the same of a metric that is no error
+STUCK = 1.0  # s of standing while motion is commanded, from which on it is worth a word
 DOUBTED = 0.01  # share of a limit by which unseen runs must exceed it for the verdict to name it
 ERRORS = (*LATE, "cross_track_peak_late", "longest_settling_time", "limited")
 COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
@@ -144,8 +145,8 @@ def unfinished(before: agvjax.Metrics, after: agvjax.Metrics, path: agvjax.Path,
     nothing = Caveats([], [], [])
     if not isinstance(path, agvjax.Route) or path.closed or after.followed is None:
         return nothing
-    lost = [int(np.sum(np.isinf(np.asarray(m["time_to_finish"])) & np.asarray(m.ok))) for m in (before, after)]
-    size = np.asarray(after.ok).size
+    short = [np.isinf(np.asarray(m["time_to_finish"])) & np.asarray(m.ok) for m in (before, after)]
+    lost, size = [int(np.sum(runs)) for runs in short], np.asarray(after.ok).size
     counts = f"{lost[1]} of {size} validation runs do not reach the end of the route ({lost[0]} before)"
     if not lost[1]:
         return nothing
@@ -153,6 +154,11 @@ def unfinished(before: agvjax.Metrics, after: agvjax.Metrics, path: agvjax.Path,
     if horizon < (needed := float(path.end())):
         words = f"{counts}: it takes {needed:.4g} s, the run ends after {horizon:.4g} s (simulate.horizon)"
         return Caveats([], [words], [doubt])
+    if stuck := int(np.sum(short[1] & (np.asarray(after["standstill"]) * horizon > STUCK))):
+        counts += f"; {stuck} of them stand for {STUCK:g} s or more while motion is commanded: inside their deadzone,"
+        counts += " above which the law's lowest speed must be, or which an inverse takes out"
+    if stuck < lost[1]:
+        counts += f"; {lost[1] - stuck} are on their way when the run ends after {horizon:.4g} s (simulate.horizon)"
     if lost[1] > lost[0] or lost[1] > size / 2:
         return Caveats([counts], [], [])
     return Caveats([], [counts], [doubt])

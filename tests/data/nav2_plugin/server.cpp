@@ -134,7 +134,7 @@ const char * laid(
         sizes[0] = route.pieces, sizes[1] = route.legs, *length = route.length;
         std::copy_n(route.coefficients, 12 * route.pieces, coefficients);
         std::copy_n(route.squared_speeds, 2 * route.pieces, squares);
-        std::copy_n(route.each_leg, 4 * route.legs, heads);
+        std::copy_n(route.each_leg, 5 * route.legs, heads);
       });
 }
 

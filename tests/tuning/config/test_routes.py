@@ -42,6 +42,46 @@ def test_a_file_brings_speeds_directions_and_a_corridor(tmp_path):
     assert list(back.legs[3]) == [1, -1]
 
 
+def test_stops_are_points_of_speed_0_and_last_as_long_as_it_is_said(tmp_path):
+    points = [[0, 0, 0.5], [2, 0, 0.5], [3, 0, 0], [5, 0, 0.5]]
+    assert [*route(points=points).legs[4]] == [0, 0] and [*route(points=points).legs[0]] == pytest.approx([0, 3])
+    assert [*route(points=points, dwell=2).legs[4]] == [2, 0]
+    assert [*route(points=[p[:2] for p in points], dwell=[0, 1.5, 3, 0]).legs[4]] == [1.5, 3, 0]
+    assert [*route(points=points, dwell=2, radius=1.0).legs[0]] == pytest.approx([0, 3])
+    config = load([], more={"scenario.path": {"type": "route", "points": points, "dwell": 2.0, "half_width": 0.3}})
+    again = load([], more={"scenario.path": tomllib.loads(dump(config))["scenario"]["path"]}).scenario.path
+    np.testing.assert_array_equal(again.legs, config.scenario.path.legs)
+
+
+@pytest.mark.parametrize(
+    "speeds, dwell, begins, words",
+    [
+        ([0, 2, 2, 0, 2, 2, 2, 2, 2, 0], 3.0, [0, 3], ["stops at 1 of 10 points", "speed 0 at 2 of 10 points"]),
+        ([2, 2, 0, 0, 0, 2, 2, 0, 2, 2], 1.0, [0, 2, 7], ["stops at 2 of 10 points", "speed 0 at 2 of 10 points"]),
+    ],
+)
+def test_speeds_of_0_in_a_file_are_stops_where_it_drives_on(tmp_path, speeds, dwell, begins, words):
+    file, said = tmp_path / "way.csv", []
+    file.write_text("x,y,speed\n" + "".join(f"{x},0,{v}\n" for x, v in enumerate(speeds)))
+    table = {"type": "route", "file": str(file), "dwell": dwell, "limits": {"deceleration": 0.5}}
+    path = load([], more={"scenario.path": table}, note=said.append).scenario.path
+    assert path.legs[0].tolist() == pytest.approx(begins)
+    assert path.legs[4].tolist() == [dwell] * (len(begins) - 1) + [0]
+    assert all(word in " ".join(said) for word in words)
+
+
+def test_a_tolerance_takes_the_place_of_a_radius_that_was_said_before():
+    preset = load(["base"]).scenario.path
+    other = load(["base"], more={"scenario.path": {"tolerance": 0.1}}).scenario.path
+    # four corners of a right angle: each arc is shorter than its tangents by (2 - pi / 2) radius, of tolerance / (√2-1)
+    shorter = 4 * (2 - np.pi / 2) * (1.0 - 0.1 / (np.sqrt(2) - 1))
+    assert float(other.length) - float(preset.length) == pytest.approx(shorter, rel=1e-9)
+    back = load(["base"], ["scenario.path.tolerance=0.1", "scenario.path.radius=1.0"]).scenario.path
+    assert float(back.length) == pytest.approx(float(preset.length))
+    with pytest.raises(agvjax.InputError, match="one of radius and tolerance must be given; got 1.0 and 0.1"):
+        load(["base"], more={"scenario.path": {"tolerance": 0.1, "radius": 1.0}})
+
+
 def test_what_is_read_is_written_and_read_again():
     given = CORNERS | {"half_width": [0.2, 0.3], "limits": {"acceleration": 0.4, "stop": False}}
     config = load([], more={"scenario.path": given})
@@ -64,6 +104,10 @@ def test_what_is_read_is_written_and_read_again():
         ({"points": [[0, 0], [1, 0]], "limits": {"acceleration": 0}}, ("limits.acceleration = 0", "> 0")),
         ({"points": [[0, 0], [1, 0]], "limits": {"jerks": 1}}, ("limits.jerks", "one of speed")),
         ({"points": [[0, 0], [1, 0]], "until": 3.0}, ("scenario.path.until", "absent")),
+        ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": 2}, ("scenario.path.dwell = 2", "no point has speed 0")),
+        ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": [0, -2, 0]}, ("scenario.path.dwell", ">= 0", "-2")),
+        ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": "long"}, ("scenario.path.dwell", "a number in s, or one for")),
+        ({"along": "circle", "dwell": 2.0}, ("scenario.path.dwell", "absent")),
         ({"along": "square"}, ("scenario.path.along", "dumbbell")),
         ({"along": "circle", "radius": 2.0}, ("scenario.path.radius", "absent")),
         ({"along": "line"}, ("scenario.path.along", "until must be given")),

@@ -23,6 +23,7 @@ from tuning.export.vectors import row
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 PERIOD, TRACK = 0.05, 0.5
+REST = 2.0  # s at rest, after which nothing follows
 LAWS = {
     "path_pid": agvjax.PathPID(),
     "regulated_pure_pursuit": agvjax.RegulatedPurePursuit(use_velocity_scaled_lookahead_dist=True),
@@ -41,13 +42,20 @@ def laid(name):
     gentle = SpeedLimits(acceleration=0.4, deceleration=0.3)
     if name == "two legs":
         return Route.through(BAY, limits=gentle), 60.0
+    if name == "stops":  # on the way, where it turns back, and in the bay
+        return Route.through(BAY, dwell=[0, 0, 1.5, 0, 0, 0.7, 0, 0, 0.26, 0, 0], limits=gentle), 80.0
     if name == "seam":  # over its end, where it begins, and on
         corners = [[1, 0], [5, 0], [5, 3], [0, 3], [0, 0]]
         return Route.corners(corners, 0.8, radius=0.8, closed=True), 40.0
     return Route.along(agvjax.Dumbbell(), limits=gentle), 40.0  # crosses itself at the origin, and is closed
 
 
-STARTS = {"two legs": (0.1, 0.15, 0.3), "seam": (2.0, -0.2, -0.2), "dumbbell": (0.05, 0.05, 0.9)}
+STARTS = {
+    "two legs": (0.1, 0.15, 0.3),
+    "stops": (0.1, 0.15, 0.3),
+    "seam": (2.0, -0.2, -0.2),
+    "dumbbell": (0.05, 0.05, 0.9),
+}
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +100,7 @@ def write_config(folder, inner):
 def drive(start, step, seconds):
     """Poses (n, 3) of a unicycle under what `step(measurement)` sends to the rims of its wheels, until it stands."""
     x, y, heading, v, w = *start, 0.0, 0.0
-    poses = []
+    poses, rest = [], 0
     for _ in range(round(seconds / PERIOD)):
         velocity = np.array([v * np.cos(heading), v * np.sin(heading)])
         seen = {"position": np.array([x, y]), "velocity": velocity, "heading": heading, "yaw_rate": w}
@@ -101,7 +109,8 @@ def drive(start, step, seconds):
         x, y = x + PERIOD * v * np.cos(heading + PERIOD * w / 2), y + PERIOD * v * np.sin(heading + PERIOD * w / 2)
         heading += PERIOD * w
         poses.append((x, y, heading))
-        if v == w == 0.0:
+        rest = rest + 1 if v == w == 0.0 else 0
+        if rest * PERIOD > REST:
             break
     return np.array(poses)
 
@@ -215,7 +224,10 @@ def test_one_compiled_law_drives_every_kind_of_route_as_the_law_itself_does(name
     begins = np.asarray(route.table)[[0, 6]].T  # of its pieces
     assert np.linalg.norm(wanted[60:, None, :2] - begins, axis=-1).min(axis=1).max() < 0.35  # it does follow
     way = np.linalg.norm(np.diff(wanted[:, :2], axis=0), axis=1).sum()
-    if kind == "two legs":
+    if kind == "stops":
+        rests = np.diff(np.flatnonzero(np.r_[True, np.any(np.diff(wanted, axis=0) != 0, axis=1)])) - 1
+        assert rests[rests > 0].tolist() == [30, 14, 5]  # periods, of 1.5, 0.7 and 0.26 s
+    if kind in ("two legs", "stops"):
         assert len(wanted) < seconds / PERIOD and np.linalg.norm(wanted[-1, :2] - BAY[-1, :2]) < 0.05
     else:
         assert way > 1.02 * float(np.asarray(route.length))

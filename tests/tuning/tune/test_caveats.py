@@ -196,3 +196,15 @@ def test_vehicles_that_do_not_reach_the_end_of_a_route_are_no_success(before, af
     assert tuple(map(len, said)) == kinds
     ring = agvjax.Route.along(agvjax.Circle())
     assert not any(caveats.unfinished(of_a_route(*before), of_a_route(*after), ring, horizon))
+
+
+def test_of_vehicles_that_do_not_finish_those_that_stand_in_the_deadzone_are_told_from_those_on_their_way():
+    route = agvjax.Route.through(np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.1]]), 0.5)
+    before, after = of_a_route(*[9.0] * 5), of_a_route(9.0, *[np.inf] * 4)
+    standing = np.array([0.5, 0.04, 0.06, 0.9, 0.0])  # of 20 s; the first one finishes all the same
+    after = dataclasses.replace(after, followed=dataclasses.replace(after.followed, standstill=standing))
+    ((counted,), _, _) = caveats.unfinished(before, after, route, 20.0)
+    assert counted.startswith(
+        "4 of 5 validation runs do not reach the end of the route (0 before); 2 of them stand for 1"
+    )
+    assert counted.endswith("; 2 are on their way when the run ends after 20 s (simulate.horizon)")

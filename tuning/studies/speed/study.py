@@ -64,7 +64,7 @@ def long_enough(config: Config) -> Config:
 
 def fastest(route: agvjax.Route) -> tuple[float, float]:
     """The highest speed [m/s] of a route's profile, and the largest lateral acceleration [m/s^2]."""
-    begins, pace, first, _ = (np.asarray(row) for row in route.legs)
+    begins, pace, first, _, _ = (np.asarray(row) for row in route.legs)
     piece = np.repeat(np.arange(route.squares.shape[1]), len(WITHIN_PIECE))
     leg = np.searchsorted(first, piece, side="right") - 1
     share = np.tile(WITHIN_PIECE, route.squares.shape[1])

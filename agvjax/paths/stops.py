@@ -1,0 +1,63 @@
+"""Where a vehicle stops on its way and for how long: points of speed 0 and dwell times, before a route is laid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from .points import numbers
+
+
+def stops(
+    points: ArrayLike,
+    speed: ArrayLike | None,
+    dwell: ArrayLike,
+    closed: bool,
+    back: Callable[[np.ndarray, int], bool] = lambda points, number: True,
+) -> tuple[ArrayLike, ArrayLike | None, dict[int, float]]:
+    """Points, their speeds without those of 0, and how long [s] a vehicle stands at those points, by number, at which.
+
+    A point of speed 0 takes the mean of the points beside it; where those differ in sign, the speed of the next if the
+    vehicle may turn `back` there, else that of the one before.
+
+    Raises:
+        ValueError: a stop on a closed route, at an end, or where the speed is 0 at two points in a row.
+    """
+    given, times = numbers("points", points), numbers("dwell", dwell)
+    if given.ndim != 2:
+        return points, speed, {}  # refused with all else that is wrong with points
+    if given.shape[1] == 3 and speed is None:
+        points, speed = given[:, :2], given[:, 2]
+    n, speeds = len(given), numbers("speed", 1.0 if speed is None else speed)
+    if times.shape not in ((), (n,)):
+        raise ValueError(f"dwell must be a number or one for each of {n} points; its shape is {times.shape}")
+    if bad := [t for t in times.ravel().tolist() if not (np.isfinite(t) and t >= 0)]:
+        raise ValueError(f"dwell must be finite and >= 0 [s]; got {bad[0]:g}")
+    still = speeds == 0 if speeds.shape == (n,) else np.zeros(n, bool)
+    where = np.flatnonzero(still | (times > 0) if times.ndim else still)
+    if not times.ndim and times > 0 and not where.size:
+        raise ValueError(f"dwell must be one for each point where no point has speed 0; got {float(times):g}")
+    _check(still, where, closed)
+    inside = np.flatnonzero(still)
+    if inside.size:
+        before, after = speeds[inside - 1], speeds[inside + 1]
+        speed = speeds.copy()
+        turns = np.array([back(given, int(k)) for k in inside])
+        speed[inside] = np.where(before * after > 0, (before + after) / 2, np.where(turns, after, before))
+    return points, speed, dict(zip(where.tolist(), np.broadcast_to(times, n)[where].tolist(), strict=True))
+
+
+def _check(still: np.ndarray, where: np.ndarray, closed: bool) -> None:
+    """Refuse stops where none can be; `still` says which points (N,) have speed 0."""
+    if not where.size:
+        return
+    rule = f"{'speed must not be 0' if still[where].any() else 'dwell must be 0'}"
+    if closed:
+        raise ValueError(f"{rule} on a closed route, which has no stops; number {where[0] + 1} is one")
+    if ends := {0, len(still) - 1} & {*where.tolist()}:
+        raise ValueError(f"{rule} at the first and the last point, for a stop lies between; number {min(ends) + 1}")
+    inside = np.flatnonzero(still)
+    if (row := inside[:-1][np.diff(inside) == 1]).size:
+        raise ValueError(f"speed must not be 0 at two points in a row; numbers {row[0] + 1} and {row[0] + 2}")
