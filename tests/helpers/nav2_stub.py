@@ -197,7 +197,7 @@ class Server:
         """Tables of a plan by the names that a route has in C, and why there are none."""
         poses, pace = np.ascontiguousarray(poses, float), np.ascontiguousarray(pace, float)
         sizes, length = np.zeros(2, np.int32), np.zeros(1)
-        room = [np.zeros(rows * 2**17) for rows in (12, 2, 4)]
+        room = [np.zeros(rows * 2**17) for rows in (12, 2, 5)]
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (poses, pace, sizes, length, *room)]
         more = len(poses), ctypes.c_double(spacing), int(reversing)
         told = self.library.laid(pointers[0], *more, *pointers[1:]).decode()
