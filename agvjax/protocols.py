@@ -66,6 +66,10 @@ class Law:
         """The law for a path that is driven so many times as fast; one that has a speed of its own changes it."""
         return self
 
+    def canonical(self) -> Law:
+        """The same law, without numbers that it and other programs read differently; tuned gains are written so."""
+        return self
+
     def control_period(self) -> Real | None:
         """Time [s] between control instants of a law that runs on a clock of its own; None: as the run says."""
         return None

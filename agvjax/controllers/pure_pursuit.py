@@ -29,7 +29,8 @@ class RegulatedPurePursuit(Regulated):
     Attributes:
         desired_linear_vel: desired speed; the route's speed profile limits it too.
         lookahead_dist: look-ahead distance to the carrot, unless it grows with speed.
-        min_lookahead_dist: smallest look-ahead distance, where it grows with speed.
+        min_lookahead_dist: smallest look-ahead distance, where it grows with speed; above the largest that counts, and
+            tuned gains are written so, for Nav2 does not say what it does.
         max_lookahead_dist: largest look-ahead distance, where it grows with speed.
         lookahead_time: look-ahead distance divided by speed, where it grows with speed.
         approach_velocity_scaling_dist: distance before the end over which it slows down.
@@ -56,6 +57,14 @@ class RegulatedPurePursuit(Regulated):
     def faster(self, factor: float) -> RegulatedPurePursuit:
         """With the speed that it wants so many times as high."""
         return dataclasses.replace(self, desired_linear_vel=factor * self.desired_linear_vel)
+
+    def canonical(self) -> RegulatedPurePursuit:
+        """With a smallest look-ahead not above the largest."""
+        if not self.use_velocity_scaled_lookahead_dist:
+            return self
+        return dataclasses.replace(
+            self, min_lookahead_dist=jnp.minimum(self.min_lookahead_dist, self.max_lookahead_dist)
+        )
 
     def look_ahead(self, speed: Array) -> Float[Array, ""]:
         """The look-ahead [m] at a speed [m/s]."""

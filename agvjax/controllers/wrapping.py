@@ -51,6 +51,10 @@ class Wrapping(Law):
         """The same around the inner law for a path that is driven so many times as fast."""
         return swap(self, {"inner": self.inner.faster(factor)})
 
+    def canonical(self) -> Law:
+        """The same around the inner law, without numbers that other programs read differently."""
+        return swap(self, {"inner": self.inner.canonical()})
+
     def control_period(self) -> Real | None:
         """The inner law's clock [s]."""
         return self.inner.control_period()

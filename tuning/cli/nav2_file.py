@@ -59,10 +59,9 @@ class ParameterFile:
         names = [
             n.removeprefix(prefix) for n in (*(config.tune.gains or ()), *config.tune.tied) if n.startswith(prefix)
         ]
+        before = agvjax.leaves(config.controller)
+        names += [n for n in ("min_lookahead_dist",) if leaves[prefix + n] < before[prefix + n]]  # see `Law.canonical`
         values = {name: float(leaves[prefix + name]) for name in names}
-        if "min_lookahead_dist" in values:  # the law takes the largest where the least lies above it; Nav2 does not say
-            largest = float(leaves[f"{prefix}max_lookahead_dist"])
-            values["min_lookahead_dist"] = min(values["min_lookahead_dist"], largest)
         text = nav2.write(self.found.text, values, self.found.controller)
         files.write(out / TUNED, text)
         changed = nav2.diff(self.found.text, text, Path(self.found.file).name)

@@ -281,7 +281,7 @@ class Tuner:
 
     def best(self, p: Progress) -> agvjax.Law:
         """The controller with the best gains so far: limits met first, then the goal."""
-        return self.gains.controller(p.best_z, self.controller)
+        return self.gains.controller(p.best_z, self.controller).canonical()
 
 
 def _held(look: Look, moving: np.ndarray) -> Look:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agvjax import Measurement, RegulatedPurePursuit, Route, SpeedLimits
+from agvjax import Base, Measurement, RegulatedPurePursuit, Route, Sampled, SpeedLimits
 
 DATA = json.loads((Path(__file__).parents[2] / "data" / "rpp" / "vectors.json").read_text())
 NAMES = {f.name for f in dataclasses.fields(RegulatedPurePursuit)}
@@ -94,6 +94,18 @@ def test_the_look_ahead():
     assert len(some) > 200
     found = [float(law(case).look_ahead(jnp.asarray(step["speed"][0]))) for case, step in some]
     np.testing.assert_allclose(found, [step["lookahead"] for _, step in some], rtol=1e-9)
+
+
+def test_a_least_look_ahead_above_the_largest_is_written_as_that_and_changes_nothing():
+    crossed = RegulatedPurePursuit(min_lookahead_dist=3.1, max_lookahead_dist=0.32)
+    assert crossed.canonical() is crossed  # it does not count
+    crossed = dataclasses.replace(crossed, use_velocity_scaled_lookahead_dist=True)
+    found = Sampled(inner=crossed, vehicle=Base(), period=0.05).canonical().inner
+    assert float(found.min_lookahead_dist) == pytest.approx(0.32) and float(found.max_lookahead_dist) == 0.32
+    for speed in (0.0, 0.1, 1.0, 5.0):
+        assert float(found.look_ahead(jnp.asarray(speed))) == float(crossed.look_ahead(jnp.asarray(speed)))
+    usual = dataclasses.replace(crossed, min_lookahead_dist=0.1)
+    assert float(usual.canonical().min_lookahead_dist) == pytest.approx(0.1)
 
 
 def along(case):

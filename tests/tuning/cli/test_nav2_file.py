@@ -41,6 +41,17 @@ def test_the_tuned_file_differs_in_the_tuned_values_alone(tmp_path):
     assert "+" + changed[1][2:] in report
 
 
+def test_a_largest_look_ahead_tuned_below_the_least_takes_it_along(tmp_path):
+    """Nav2 does not say what it does where they lie the wrong way round."""
+    found = given("--params", COURIER)
+    config = load(["base"], ['tune.gains=["inner.max_lookahead_dist"]'], more=found.settings())
+    assert config.controller.inner.use_velocity_scaled_lookahead_dist
+    tuned = agvjax.replace(config.controller, {"inner.max_lookahead_dist": 0.125}).canonical()
+    found.write(tuned, config, tmp_path)
+    text = (tmp_path / TUNED).read_text()
+    assert text.count("min_lookahead_dist:  0.125") == text.count("max_lookahead_dist:  0.125") == 1
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
