@@ -13,6 +13,7 @@ from agvjax.metric_units import PLAIN
 
 from ..config.settings import LATE
 from ..ensemble.worst import Found
+from ..io.numbers import beyond, change
 from .gains import Gains, value_of
 from .methods.objective import TOLERANCE, Objective, Requirement
 
@@ -47,10 +48,14 @@ class Missed(NamedTuple):
 
     def told(self, units: Mapping[str, str]) -> str:
         """By how much."""
-        r, side = self.limit, "below" if self.limit.least else "above"
-        unit = units[r.metric]
+        r, unit = self.limit, units[self.limit.metric]
         value = f"{r.told(self.value, self.bound):.5g} {unit}"
-        return f"{r.name} is {value}, {self.excess:.2%} {side} its limit {self.bound:.5g}"
+        return f"{r.name} is {value}, {beyond(self.ratio, 2)} its limit {self.bound:.5g}"
+
+    @property
+    def ratio(self) -> float:
+        """Of the value to the bound."""
+        return 1 - self.excess if self.limit.least else 1 + self.excess
 
 
 def excesses(
@@ -71,7 +76,7 @@ class Risen(NamedTuple):
     @property
     def share(self) -> str:
         """By how much; empty where it was 0."""
-        return f"{self.after / self.before - 1:+.0%}" if self.before else ""
+        return change(self.after / self.before) if self.before else ""
 
 
 def missed(objective: Objective, metrics: agvjax.Metrics, baseline: np.ndarray) -> list[Missed]:
@@ -125,11 +130,12 @@ def unseen(  # long: a paragraph for each thing that may be said
         over = missed(everyone, after, baseline if budget is None else budget)
         cautions += [f"on the validation scenarios {one.told(units)}" for one in over]
         far = [one for one in over if one.excess > DOUBTED]
-        doubts += [f"{one.limit.name} misses its limit by {one.excess:.0%} on the validation scenarios" for one in far]
+        doubts += [f"{one.limit.name} is {beyond(one.ratio)} its limit on the validation scenarios" for one in far]
     risen = _risen(before, after, kept_before & kept)
     numbers = "{0.statistic} {0.metric} rose from {0.before:.3g} to {0.after:.3g} {1}{2}"
     cautions += [numbers.format(r, units[r.metric], f" ({r.share})" if r.share else "") for r in risen]
-    doubts += [f"{r.statistic} {r.metric} rose by {r.share[1:]}" for r in risen if r.metric in ERRORS and r.share]
+    worse = [r for r in risen if r.metric in ERRORS and r.share]
+    doubts += [f"{r.statistic} {r.metric} rose {'by' if '%' in r.share else 'to'} {r.share.lstrip('+')}" for r in worse]
     return Caveats(failures, cautions, doubts)
 
 
@@ -216,7 +222,7 @@ def worst_case(
         if not np.isfinite(one.value):
             lines.append(f"{place} diverges ({one.metric}; {advice})")
         elif one.value > (1 + TOLERANCE) * bound:
-            lines.append(f"{value}, {one.value / bound - 1:.0%} above the limit {bound:.4g} ({advice})")
+            lines.append(f"{value}, {beyond(one.value / bound)} the limit {bound:.4g} ({advice})")
         elif one.value > (1 + WORSE) * there.get(one.metric, np.inf):
             lines.append(f"{value}, where the starting gains have {there[one.metric]:.4g} ({advice})")
     return lines

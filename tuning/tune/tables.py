@@ -13,6 +13,7 @@ from agvjax.metric_table import METRICS
 from agvjax.metric_units import PLAIN
 
 from ..config.settings import Config
+from ..io import numbers
 from ..io.pages import grid
 from ..io.statements import FOUND, NAMED, PROVED, of_draws, of_kind, said, worst_of
 from . import figures
@@ -58,7 +59,7 @@ def changes(before: Summary, after: Summary, metrics: Sequence[str]) -> str:
         change = new / old - 1
         bad = -change if METRICS[name].large else change
         kind = "better" if bad < -0.01 else "worse" if bad > 0.01 else "unchanged within 1 %"
-        parts[kind].append(name if abs(change) <= 0.01 else f"{name} {change:+.0%}")
+        parts[kind].append(name if abs(change) <= 0.01 else f"{name} {numbers.change(new / old)}")
     told = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in parts.items() if names)
     return f"On average over the validation scenarios: {told}." if told else ""
 

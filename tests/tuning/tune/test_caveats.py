@@ -120,7 +120,7 @@ def test_a_limit_missed_and_an_error_that_rose_where_nobody_tuned_are_named_in_t
     failures, cautions, doubts = caveats.unseen(objective, before, after, None, 0.05)
     assert failures == [] and len(cautions) == 2
     assert doubts == [
-        "worst peak_heading misses its limit by 10% on the validation scenarios",
+        "worst peak_heading is 10% above its limit on the validation scenarios",
         "worst cross_track_peak_late rose by 6%",
     ]
     verdict = TuneVerdict({}, {}, None, [], [], [], cautions, doubts, before, {}, None)
@@ -196,6 +196,16 @@ def test_vehicles_that_do_not_reach_the_end_of_a_route_are_no_success(before, af
     assert tuple(map(len, said)) == kinds
     ring = agvjax.Route.along(agvjax.Circle())
     assert not any(caveats.unfinished(of_a_route(*before), of_a_route(*after), ring, horizon))
+
+
+def test_what_is_many_times_its_limit_is_said_so_and_not_in_thousands_of_percent():
+    objective = Objective(goals=GOAL, limits=within({"peak_heading": 1.0})[1:])
+    runs = metrics([0.2] * 2, command=3.0, late=0.01), metrics([0.1] * 2, command=[2.0, 171.0], late=0.04)
+    _, cautions, doubts = caveats.unseen(objective, *runs, None, 0.05)
+    assert "on the validation scenarios worst peak_heading is 171 rad/s, 57 times its limit 3" in cautions
+    assert "mean rmse_late_x rose from 0.01 to 0.04 m (4 times)" in cautions
+    assert doubts[0] == "worst peak_heading is 57 times its limit on the validation scenarios"
+    assert "mean rmse_late_x rose to 4 times" in doubts
 
 
 def test_of_vehicles_that_do_not_finish_those_that_stand_in_the_deadzone_are_told_from_those_on_their_way():
