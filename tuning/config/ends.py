@@ -21,7 +21,6 @@ from .settings import Config
 
 LAW = "controller."  # what the names of gains begin with
 MOST_TOGETHER = 8  # axes whose ends are looked at in every combination; of more, one by one from either side
-WHERE = " (where "  # before the corner at which a rule is broken
 Corner = Mapping[str, np.ndarray]  # values of leaves, or of elements of them, by name
 
 
@@ -161,7 +160,7 @@ def _corners(ends: Sequence[Sequence[Corner]]) -> Iterable[Corner]:
 
 def _what(fault: Fault) -> tuple[str, ...]:
     """What a fault is about, of which the last corner, with the longest delays, asks for most."""
-    rule, _, elsewhere = fault.rule.partition(WHERE)
+    rule, _, elsewhere = fault.rule.partition(rules.WHERE)
     return (fault.key,) if elsewhere and not fault.key.endswith(".dt") else (fault.key, str(fault.value), rule)
 
 
@@ -174,6 +173,6 @@ def _at(config: Config, corner: Corner, keys: Mapping[str, str], sections: Seque
     return [
         fault._replace(key=f"{keys[own[fault.key]]}.{own[fault.key]}")
         if fault.key in own
-        else fault._replace(rule=f"{fault.rule}{WHERE}{place}, {keys[next(iter(corner))]})")
+        else fault._replace(rule=f"{fault.rule}{rules.WHERE}{place}, {keys[next(iter(corner))]})")
         for fault in wrong
     ]

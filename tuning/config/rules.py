@@ -23,6 +23,7 @@ from .read import Reader
 from .settings import Config
 from .write import table_of
 
+WHERE = " (where "  # before the corner at which a rule is broken
 NO_ROUTE = "it needs a route, and scenario.path is not one"
 MOST_STEPS, MOST_SEED = 1e8, 2**31
 Rules = Callable[[Config], list[Fault]]  # what is wrong with a configuration, of a room
@@ -106,8 +107,14 @@ def _foreign(config: Config) -> list[Fault]:
 
 
 def unique(faults: Iterable[Fault]) -> list[Fault]:
-    """Each fault once."""
-    return list({str(fault): fault for fault in faults}.values())
+    """Each fault once; one at an end of what moves only where it is none at the configured values too."""
+    every = {str(fault): fault for fault in faults}
+    everywhere = {(f.key, str(f.value), f.rule) for f in every.values()}
+    return [f for f in every.values() if WHERE not in f.rule or _plain(f) not in everywhere]
+
+
+def _plain(fault: Fault) -> tuple[str, str, str]:
+    return fault.key, str(fault.value), fault.rule.partition(WHERE)[0]
 
 
 def _seeds(config: Config) -> list[Fault]:

@@ -132,3 +132,10 @@ def test_a_leaf_that_is_drawn_somewhere_else_than_it_is_configured_is_said():
     for preset in ("base", "ackermann", "forklift", "unicycle", "car"):
         config = load([preset], [])
         assert elsewhere(config, tune_rules.moving(config)) == []
+
+
+def test_a_step_that_is_wrong_everywhere_is_said_once():
+    with pytest.raises(InputError) as said:
+        load(["base"], ["tune.dt=0.007"], rules=tune_rules.faults)
+    (fault,) = said.value.faults
+    assert fault.key == "tune.dt" and fault.rule == "a whole fraction of the law's period, 0.05 s"
