@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -18,13 +17,13 @@ import numpy as np
 import agvjax
 
 from ...compute.compiled import traced
+from ...compute.pairs import in_pairs
 from ...config import dump
 from ...config.settings import Config
 from ...io.kept import Kept
 from ...tune.caveats import excesses
 from ...tune.finer import judged, validation
 from ...tune.problem import TuningProblem, pose
-from ..paper.cases import WORKERS
 from .study import PLACES
 
 LABELS = {
@@ -126,7 +125,7 @@ class Comparison:
         problem = self.posed(law)
         tuner, objective = problem.tuner, problem.tuner.objective._replace(weights=None)
         made = kept.once(name, lambda: search(problem, self.budget, PLACES))
-        found = tuner.gains.controller(jax.numpy.asarray(made.z), tuner.controller)
+        found = tuner.gains.controller(jax.numpy.asarray(made.z), tuner.controller).canonical()
         unseen = validation(self.config)
         before, after = (judged(self.config, one, unseen) for one in (law, found))
         over = excesses(objective, after, self.unseen_budget)
@@ -177,5 +176,4 @@ def compare(config: Config, kept: Kept[Searched], done: Callable[[str], None]) -
         done(item[0])
         return item[0], found
 
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return comparison, dict(pool.map(one, chosen.items()))
+    return comparison, dict(in_pairs(one, chosen.items()))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 import agvjax
 from agvjax.metric_table import AXES
 
+from ...compute.pairs import in_pairs
 from ...config.settings import Config, Tune
 from ...ensemble.draws import sample
 from ...io.kept import Kept
@@ -22,7 +22,7 @@ from ...tune.methods.objective import within
 from ...tune.problem import requirements
 from ...tune.screen import Screen
 from ...tune.tuner import Tuner
-from ..paper.cases import WORKERS, matched
+from ..paper.cases import matched
 
 PEAKS = ("peak_command_x", "peak_command_y", "peak_heading")
 BUDGET = (*(f"rms_command_{axis}" for axis in AXES), *PEAKS, *(f"chatter_{axis}" for axis in AXES))
@@ -149,8 +149,7 @@ def compare(config: Config, kept: Kept[Searched], done: Callable[[str], None]) -
         done(item[0])
         return item[0], found
 
-    with ThreadPoolExecutor(WORKERS) as pool:
-        found = dict(pool.map(one, laws(config.controller).items()))
+    found = dict(in_pairs(one, laws(config.controller).items()))
     proposed = found["proposed"]
     start, held = (agvjax.EventTriggered(inner=law) for law in (config.controller, proposed.controller))
     found["event"] = proposed._replace(  # tuned through its continuous law, judged held

@@ -33,7 +33,6 @@ LABELS = {
     "no_filter": "no command filter",
     "known_slopes": "known slopes",
 }
-WORKERS = 2  # cases or laws at a time: most of their time is compilation, on one core each
 BANDWIDTHS = (5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0, 25.0, 32.0, 40.0)  # 1/s
 B1 = (0.05, 0.07, 0.1, 0.2, 0.5, 1.0, 2.0)
 FINER = {"b1": 5, "known b1": 5}  # steps to one of the others: a small b1 makes the adaptation stiff at the start

@@ -12,6 +12,7 @@ import numpy as np
 import agvjax
 from agvjax.leaves import cast
 
+from ...compute.pairs import WORKERS
 from ...config.settings import Config
 from ...ensemble.draws import sample
 from ...io.files import Json
@@ -33,7 +34,7 @@ class Reproduction:
         self.groups = cases.groups(self.law, config.scenario)
         self.judged: dict[str, Run] = {}
         names = sorted(self.groups, key=_longest_first)
-        with ThreadPoolExecutor(cases.WORKERS) as pool:
+        with ThreadPoolExecutor(WORKERS) as pool:
             rolled, sampled = pool.map(self._roll, names), pool.submit(self._bounds)
             for name, runs in zip(names, rolled, strict=True):
                 self.judged |= runs

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
@@ -17,13 +16,13 @@ import numpy as np
 
 import agvjax
 
+from ...compute.pairs import in_pairs
 from ...config.settings import Config
 from ...ensemble.draws import Between, sample
 from ...io.kept import Kept
 from ...tune.caveats import excesses
 from ...tune.problem import TuningProblem, pose
 from ..laws.followers import Searched, search
-from ..paper.cases import WORKERS
 from .knowing import Knowing, knowing, values_of
 from .limits import budgeted
 from .remedies import WRONG, Known, Remedies, Remedy, deadzones, period_of, remedies, truths
@@ -130,7 +129,7 @@ class Study:
         problem, known = self.posed(remedy), dict(remedy.known)
         key, tuner = f"known: {sorted(known)}" if known else "", problem.tuner
         found = kept.once(name, lambda: search(problem, self.budget, PLACES, key))
-        law = tuner.gains.controller(jax.numpy.asarray(found.z), tuner.controller)
+        law = tuner.gains.controller(jax.numpy.asarray(found.z), tuner.controller).canonical()
         before, after = self.judge(remedy.law, known), self.judge(law, known)
         objective = problem.tuner.objective._replace(weights=None)
         metrics = after[self.tuned_with_noise]
@@ -160,8 +159,7 @@ def compare(
         done(item[0])
         return item[0], found
 
-    with ThreadPoolExecutor(WORKERS) as pool:
-        judged = dict(pool.map(one, study.remedies.found.items()))
+    judged = dict(in_pairs(one, study.remedies.found.items()))
     wrong = study.mistaken(judged["identified"]) if "identified" in judged else {}
     done("wrong thresholds")
     return judged, wrong
