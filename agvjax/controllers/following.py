@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
@@ -66,7 +67,11 @@ class Follower(Law):
         route = _route(reference)
         place = route.follow(measurement.position, state.place, measurement.velocity, jnp.asarray(period))
         twist, own = self.steer(state.own, place, route, measurement, period)
-        twist = jnp.where(route.stands(place), 0.0, twist)
+        rests = route.stands(place)
+        twist = jnp.where(rests, 0.0, twist)
+        own = jax.tree.map(
+            lambda after, before: jnp.where(rests, before, after), own, state.own
+        )  # no integral winds up
         command = Command(position=twist, heading=jnp.zeros_like(measurement.heading), twist=twist)
         return command, Followed(place=place, own=own), jnp.zeros((), bool)
 

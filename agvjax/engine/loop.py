@@ -210,7 +210,7 @@ def jump(
     delivered = respond(controller, scenario, flow, memory, signals).delivered
     true = scenario.plant.output(flow.plant, delivered)
     if isinstance(scenario.path, Route) and isinstance(memory.route, Place):
-        place = scenario.path.follow(true.position, memory.route, true.velocity, h)
+        place = scenario.path.follow(true.position, memory.route, true.velocity, h, waits=False)
         memory = dataclasses.replace(memory, route=place)
     sensed = sensor(scenario).jump(memory.sensor, true, h)
     measurement = sensor(scenario)(sensed, true)

@@ -85,7 +85,7 @@ def corners(
         lines = Lines(parts[first:last], np.abs(speeds))
         ends = halts.get(parts[last].line, 0.0) if last < len(parts) else 0.0
         leg = Leg(lines, float(lines.marks[-1]), lines.speed, OFF, signs[0], dwell=ends)
-        legs += leg.cut(_within(parts[first:last], lines.marks, halts))
+        legs += leg.cut(_within(parts, first, lines.marks, halts))
     return Laid(legs, closed)
 
 
@@ -96,12 +96,14 @@ def _back(points: np.ndarray, number: int) -> bool:
     return bool(abs(np.arctan2(cross, along)) > BACK)
 
 
-def _within(parts: Sequence[Part], marks: np.ndarray, halts: Mapping[int, float]) -> dict[float, float]:
-    """Where [m] on these parts a vehicle stops and how long: where a line begins, or in the middle of its arc."""
+def _within(parts: Sequence[Part], first: int, marks: np.ndarray, halts: Mapping[int, float]) -> dict[float, float]:
+    """Where [m] on the parts of a leg from the `first` on it stops and how long: where a line begins, or in its arc."""
     found: dict[float, float] = {}
-    for i, part in enumerate(parts):
-        if part.line in halts and (i and parts[i - 1].line != part.line):
-            found[float(marks[i]) + (part.length / 2 if part.curvature else 0.0)] = halts[part.line]
+    for point, time in halts.items():  # of a line that the arc at its end takes, that arc begins where the line does
+        i, part = next((i, part) for i, part in enumerate(parts) if part.line >= point)
+        within = part.length / 2 if part.curvature and part.line == point else 0.0
+        if first <= i < first + len(marks) - 1 and marks[i - first] + within > 0:
+            found[float(marks[i - first]) + within] = time
     return found
 
 

@@ -100,11 +100,14 @@ class Laid:
             tables.append(table.transpose(2, 1, 0).reshape(12, n))
             lows.append(square[:-1])
             changes.append(np.diff(square))
-            times.append(2 * h / (root[:-1] + root[1:]))
+            with np.errstate(divide="ignore"):
+                times.append(2 * h / (root[:-1] + root[1:]))
             times[-1][-1] += leg.dwell
             heads.append((begin, 1 / h, first, leg.sign, leg.dwell))
             begin, first = begin + leg.length, first + n
         instants = np.r_[0, np.cumsum(np.concatenate(times))]
+        if not np.isfinite(instants[-1]):
+            raise ValueError("limits leave no speed to a part of the route that is too short for them")
         arrays = {"table": np.concatenate(tables, axis=1), "legs": np.array(heads).T, "length": np.asarray(begin)}
         arrays |= {"squares": np.stack([np.concatenate(lows), np.concatenate(changes)]), "instants": instants}
         if np.any(half_width):

@@ -20,7 +20,7 @@ class Place:
     speed: Float[Array, ""]  # m/s of the profile, >= 0
     sign: Float[Array, ""]  # 1 forwards, -1 backwards
     remaining: Float[Array, ""]  # m to the end of the leg; infinite on a closed route
-    waited: Float[Array, ""]  # s that it has stood at the end of the leg
+    waited: Float[Array, ""]  # control instants at which it has stood at the end of the leg
     room: tuple[Array, Array] | None  # m of the corridor to the left and to the right; None without one
 
     def heading(self) -> Float[Array, ""]:

@@ -206,7 +206,7 @@ class Route(Path):
         )
 
     def follow(
-        self, position: Float[Array, "2"], place: Place, velocity: Float[Array, "2"], h: Float[Array, ""]
+        self, position: Float[Array, "2"], place: Place, velocity: Float[Array, "2"], h: Array, waits: bool = True
     ) -> Place:
         """The place of a vehicle that was at another `h` [s] ago: the nearest point of its leg, or the next leg.
 
@@ -220,18 +220,18 @@ class Route(Path):
         arc = piece.nearest(position, arc, most)
         kept = self._kept(arc, place.leg)  # the piece of a closed route goes on past the seam
         now = self._on(piece, self.by_kind(lambda: arc, lambda: kept), place.leg)
-        return self.onward(dataclasses.replace(now, arc=kept, waited=place.waited), h)
+        return self.onward(dataclasses.replace(now, arc=kept, waited=place.waited), h, waits)
 
-    def onward(self, place: Place, h: Float[Array, ""]) -> Place:
+    def onward(self, place: Place, h: Float[Array, ""], waits: bool = True) -> Place:
         """The beginning of the next leg where no more than `reached` [m] of this one is left and it has stood there.
 
-        It stands from the instant at which it gets there, for the number of steps of `h` [s] next to its dwell time.
+        It `waits` from the instant at which it gets there, for the number of steps of `h` [s] next to its dwell time.
         """
         if self.legs.shape[1] == 1:
             return place
         there = (place.remaining <= self.reached) & (place.leg < self.last_leg())
-        waited = place.waited + jnp.where(there, h, 0)
-        over = there & (waited > self.of_leg(place.leg).dwell + h / 2)
+        waited = place.waited + there.astype(place.waited.dtype)
+        over = there & ((waited - 0.5) * h > self.of_leg(place.leg).dwell) if waits else there
         arc = jnp.where(over, self._leg_end(place.leg), place.arc)
         now = self._at(arc, place.leg + over.astype(place.leg.dtype))
         return dataclasses.replace(now, waited=jnp.where(over, 0, waited))

@@ -15,15 +15,14 @@ def stops(
     speed: ArrayLike | None,
     dwell: ArrayLike,
     closed: bool,
-    back: Callable[[np.ndarray, int], bool] = lambda points, number: True,
+    back: Callable[[np.ndarray, int], bool] | None = None,
 ) -> tuple[ArrayLike, ArrayLike | None, dict[int, float]]:
     """Points, their speeds without those of 0, and how long [s] a vehicle stands at those points, by number, at which.
 
-    A point of speed 0 takes the mean of the points beside it; where those differ in sign, the speed of the next if the
-    vehicle may turn `back` there, else that of the one before.
+    Of lines, `back` says where they turn back; elsewhere they keep their sign, and the last point has no line.
 
     Raises:
-        ValueError: a stop on a closed route, at an end, or where the speed is 0 at two points in a row.
+        ValueError: a stop on a closed route or at an end; two in a row where the speed changes its sign.
     """
     given, times = numbers("points", points), numbers("dwell", dwell)
     if given.ndim != 2:
@@ -40,12 +39,8 @@ def stops(
     if not times.ndim and times > 0 and not where.size:
         raise ValueError(f"dwell must be one for each point where no point has speed 0; got {float(times):g}")
     _check(still, where, closed)
-    inside = np.flatnonzero(still)
-    if inside.size:
-        before, after = speeds[inside - 1], speeds[inside + 1]
-        speed = speeds.copy()
-        turns = np.array([back(given, int(k)) for k in inside])
-        speed[inside] = np.where(before * after > 0, (before + after) / 2, np.where(turns, after, before))
+    if still.any():
+        speed = _around(speeds, still, given, back)
     return points, speed, dict(zip(where.tolist(), np.broadcast_to(times, n)[where].tolist(), strict=True))
 
 
@@ -58,6 +53,20 @@ def _check(still: np.ndarray, where: np.ndarray, closed: bool) -> None:
         raise ValueError(f"{rule} on a closed route, which has no stops; number {where[0] + 1} is one")
     if ends := {0, len(still) - 1} & {*where.tolist()}:
         raise ValueError(f"{rule} at the first and the last point, for a stop lies between; number {min(ends) + 1}")
-    inside = np.flatnonzero(still)
-    if (row := inside[:-1][np.diff(inside) == 1]).size:
-        raise ValueError(f"speed must not be 0 at two points in a row; numbers {row[0] + 1} and {row[0] + 2}")
+
+
+def _around(
+    speeds: np.ndarray, still: np.ndarray, points: np.ndarray, back: Callable[[np.ndarray, int], bool] | None
+) -> np.ndarray:
+    """Speeds in which those of 0 take the mean of the ones driven at beside them; the next where the sign changes."""
+    inside, going = np.flatnonzero(still), np.flatnonzero(~still)
+    first = np.searchsorted(going, inside)  # of those driven through after each
+    before, after, found = speeds[going[first - 1]], speeds[going[first]], speeds.copy()
+    if (odd := inside[:-1][(np.diff(inside) == 1) & (before * after < 0)[:-1]]).size:
+        rule = "speed must not be 0 at two points in a row where it changes its sign"
+        raise ValueError(f"{rule}; numbers {odd[0] + 1} and {odd[0] + 2}")
+    if back is not None:
+        kept = np.array([before[i] * after[i] < 0 and not back(points, int(k)) for i, k in enumerate(inside)])
+        after = np.where(kept | ((going[first] == len(points) - 1) & (before * after > 0)), before, after)
+    found[inside] = np.where(before * after > 0, (before + after) / 2, after)
+    return found

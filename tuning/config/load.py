@@ -248,7 +248,9 @@ def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Se
     mine, given = ({name for name in sources if name in one} for one in (before, table))
     if not (mine and given):
         return
-    lists = {n for n in ("speed", "half_width", "dwell") if isinstance(before.get(n), list) and len(before[n]) != 2}
+    lists = {n for n in ("speed", "half_width", "dwell") if isinstance(before.get(n), list)}
+    if len(lists & {"half_width"}) and len(before["half_width"]) == 2:
+        lists.remove("half_width")  # left and right, of any points
     gone = {*sources, "columns", "topic", "spacing", "values", *lists}
     gone |= set(before) - set(KEPT) if anew and not mine & given else set()
     rows = table.get("points")

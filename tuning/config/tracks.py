@@ -10,6 +10,7 @@ import numpy as np
 from ..io import drives
 
 FAR = 1000.0  # m from a map's origin, from which on a path is counted from its own beginning
+NEAR = "nearer than {:.3g} m to the one before (standing still, jitter; scenario.path.spacing)"
 SPOKEN = 1.0  # s of standing still that are worth a word
 SLOW = 0.01  # m/s, below which nothing is driven: times are then in another unit
 
@@ -61,31 +62,35 @@ def waypoints(
         kept = drives.thinned(points, closed, t is not None)
     else:
         kept = drives.Thinned(drives.apart(points, spacing), spacing)
-    said, speed, halts = [], columns.get("speed"), np.zeros(0, int)
+    said, speed, halts, lost = [], columns.get("speed"), np.zeros(0, int), 0
+    stops = stops and not closed and not fixed
     if (fewer := len(points) - len(kept.rows)) > 0:
-        near = f"nearer than {kept.spacing:.3g} m to the one before (standing still, jitter; scenario.path.spacing)"
-        said.append(f"{fewer} of {len(points)} points left out, {near}")
+        said.append(f"{fewer} of {len(points)} points left out, {NEAR.format(kept.spacing)}")
     if speed is not None:
-        halts = drives.halts(speed, kept) if stops and not closed and not fixed else halts
+        if stops:
+            kept, halts, lost = drives.halts(points, speed, kept)
         speed = speed[kept.rows]
         speed[halts] = 0.0
     elif t is not None and not fixed:
         speed, words = _driven(points, t, kept)
         said.append(words)
     if speed is not None and not fixed:
-        speed, words = _slowest(speed, halts, "" if stops and not closed else ", for only an open route has stops")
+        speed, words = _slowest(speed, halts, lost, "" if stops else ", for only an open route has stops")
         said += words
-    both = "left" in columns and "right" in columns
-    widths = np.column_stack([columns["left"], columns["right"]])[kept.rows] if both else None
+    widths = (
+        np.column_stack([columns["left"], columns["right"]])[kept.rows] if {"left", "right"} <= {*columns} else None
+    )
     return Track(points[kept.rows], speed, widths, said)
 
 
-def _slowest(speed: np.ndarray, halts: np.ndarray, why: str) -> tuple[np.ndarray, list[str]]:
+def _slowest(speed: np.ndarray, halts: np.ndarray, lost: int, why: str) -> tuple[np.ndarray, list[str]]:
     """Speeds that are 0 at these stops alone, and the words for it."""
     speed, still = drives.moving(speed)
     speed[halts], still, said = 0.0, still - len(halts), []
     if len(halts):
         said.append(f"it stops at {len(halts)} of {len(speed)} points, where its speed is 0 (scenario.path.dwell)")
+    if lost:
+        said.append(f"{lost} stops nearer to another one than the spacing are left out (scenario.path.spacing)")
     if still > 0:
         said.append(f"speed 0 at {still} of {len(speed)} points taken for {drives.CRAWL:.0%} of the largest{why}")
     return speed, said

@@ -104,9 +104,9 @@ class Tabled(Route):
             value = function(value)
         return value
 
-    def onward(self, place: Place, h: Array) -> Place:
+    def onward(self, place: Place, h: Array, waits: bool = True) -> Place:
         """As every route, and where it has one leg the place stays as it was found."""
-        return lax.cond(self.count > 1, super().onward, lambda now, _: now, place, h)
+        return lax.cond(self.count > 1, lambda now: super(Tabled, self).onward(now, h, waits), lambda now: now, place)
 
     def last_leg(self) -> Real:
         """An argument less 1."""

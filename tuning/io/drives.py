@@ -110,12 +110,27 @@ def speeds(points: np.ndarray, t: np.ndarray, kept: Thinned) -> tuple[np.ndarray
     return (np.array([*begin, *way]) + np.array([*way, *end])) / 2, stood
 
 
-def halts(speed: np.ndarray, kept: Thinned) -> np.ndarray:
-    """Which waypoints are stops, by number: of each row of zeros of the speed (N,) on the way the first."""
+def halts(points: np.ndarray, speed: np.ndarray, kept: Thinned) -> tuple[Thinned, np.ndarray, int]:
+    """The stops on the way, which take the places of the nearest waypoints.
+
+    Of points in a row at which the speed (N,) is 0 the first is one, or the last where it turns back there.
+
+    Returns:
+        The waypoints; which of them are stops, by number; how many stops are too near to another one.
+    """
     still = np.flatnonzero(np.abs(speed) <= STILL * np.abs(speed).max(initial=0.0))
-    at = np.unique(np.searchsorted(kept.rows, still, side="right") - 1)  # a row that was left out: the one before it
-    runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-    return np.array([run[0] for run in runs if run.size and run[0] > 0 and run[-1] < len(kept.rows) - 1], int)
+    runs = [run for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if run.size]
+    runs = [run for run in runs if run[0] > 0 and run[-1] < len(speed) - 1]
+    rows, taken = kept.rows.copy(), set()
+    for run in runs if len(rows) > 2 else []:
+        row = run[0] if speed[run[0] - 1] * speed[run[-1] + 1] > 0 else run[-1]
+        k = int(np.searchsorted(rows, row))
+        before, after = (float(np.hypot(*(points[rows[i]] - points[row]))) for i in (k - 1, k))
+        k = min(max(k if after < before else k - 1, 1), len(rows) - 2)
+        if k not in taken:
+            rows[k] = row
+            taken.add(k)
+    return kept._replace(rows=rows), np.array(sorted(taken), int), len(runs) - len(taken)
 
 
 def moving(speed: np.ndarray) -> tuple[np.ndarray, int]:

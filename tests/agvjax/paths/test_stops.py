@@ -51,6 +51,12 @@ def test_a_point_of_speed_0_is_driven_up_to_at_the_speed_of_those_beside_it():
     assert 0.7 < float(before.speed) < 0.72 and 0.68 < float(after.speed) < 0.7  # (1.0 + 0.4) / 2, without limits
 
 
+def test_two_stops_in_a_row_are_driven_between_at_the_speed_around_them():
+    route = Route.through(LINE, [0.8, 0.0, 0.0, 0.4], dwell=[0, 1, 2, 0])
+    assert rows(route) == (pytest.approx([0, 2, 5]), [1, 1, 1], [1, 2, 0])
+    assert float(route.at(jnp.asarray(3.5), jnp.ones(())).speed) == pytest.approx(0.6)
+
+
 def test_lines_stop_in_the_middle_of_the_arc_of_a_corner_and_where_lines_go_on():
     route = Route.corners([[0, 0], [2, 0], [4, 0], [4, 4]], 1.0, radius=1.0, dwell=[0, 1, 3, 0], limits=LIMITS)
     begins, _, dwell = rows(route)
@@ -142,7 +148,7 @@ def test_a_dwell_time_is_rounded_to_the_nearest_instants():
 BAD = {
     "first": (dict(speed=[0, 1, 1, 1]), "speed must not be 0 at the first and the last point.* number 1"),
     "last": (dict(dwell=[0, 0, 0, 2]), "dwell must be 0 at the first and the last point.* number 4"),
-    "in a row": (dict(speed=[1, 0, 0, 1]), "speed must not be 0 at two points in a row; numbers 2 and 3"),
+    "in a row": (dict(speed=[1, 0, 0, -1]), "speed must not be 0 at two points in a row where.*; numbers 2 and 3"),
     "closed": (dict(speed=[1, 0, 1, 1], closed=True), "speed must not be 0 on a closed route.* number 2"),
     "closed and waiting": (dict(dwell=[0, 1, 0, 0], closed=True), "dwell must be 0 on a closed route.* number 2"),
     "negative": (dict(dwell=[0, -1, 0, 0]), "dwell must be finite and >= 0 .*; got -1"),
@@ -156,3 +162,68 @@ BAD = {
 def test_stops_that_cannot_be_are_refused(given, message):
     with pytest.raises(ValueError, match=message):
         Route.through([[0, 0], [2, 0], [5, 1], [4, 4]], **given)
+
+
+@pytest.mark.parametrize("given", [dict(radius=2.0), dict(tolerance=1.0)])
+def test_a_stop_where_an_arc_takes_the_whole_line_after_it_is_not_lost(given):
+    route = Route.corners([[0, 0], [2, 0], [4, 0], [4, 4]], 1.0, dwell=[0, 1, 0, 0], limits=LIMITS, **given)
+    begins, _, dwell = rows(route)
+    assert begins == pytest.approx([0, 2]) and dwell == [1, 0]
+
+
+def test_the_last_point_of_lines_has_no_speed():
+    corners = [[0, 0], [2, 0], [4, 0], [6, 0]]
+    one, other = (Route.corners(corners, [1, 1, 0, v], radius=0.1, limits=LIMITS) for v in (0.1, 1.0))
+    assert one.end() == other.end()
+
+
+def test_metrics_are_of_the_nearest_point_also_where_the_law_waits_elsewhere():
+    """The sensor sits 5 cm ahead: the law stops 5 cm early, and the vehicle passes the stop when the law has waited."""
+    route = Route.corners([[0, 0], [2, 0], [3, 0], [3, 3]], 0.6, radius=0.5, dwell=[0, 3.0, 0, 0], limits=LIMITS)
+    ideal = Deadzone(slope_right=1.0, slope_left=1.0, threshold_right=0.0, threshold_left=0.0)
+    given = Scenario(
+        plant=Base(),
+        deadzone={"left": ideal, "right": ideal},
+        disturbance=agvjax.NoDisturbance(),
+        path=route,
+        start=agvjax.Start(velocity=np.zeros(2), position=np.array([0.0, 0.05])),
+        sensor=agvjax.Mounted(ahead=0.05),
+    )
+    run = agvjax.simulate(Sampled(inner=PathPID(), vehicle=Base(), period=0.05), given, dt=5e-3, n_steps=3000)
+    arcs = np.linspace(0, float(route.length), 6001)
+    legs = np.searchsorted(np.asarray(route.legs)[0], arcs, "right") - 1.0
+    line = np.asarray(jax.jit(jax.vmap(route.at))(jnp.asarray(arcs), jnp.asarray(legs)).position)
+    away = [np.linalg.norm(line - p, axis=1).min() for p in np.asarray(run.position)[::10]]
+    peak = float(agvjax.measure(run, agvjax.Criteria()).followed.cross_track_peak)
+    assert peak == pytest.approx(max(away), abs=2e-3) and peak < 0.15
+
+
+def test_no_integral_winds_up_while_it_waits():
+    law, route = PathPID(k_i=1.0), Route.through(LINE, dwell=[0, 0, 9.0, 0], limits=LIMITS)
+    seen = agvjax.Measurement(
+        position=jnp.array([4.99, 0.1]), velocity=jnp.zeros(2), heading=jnp.zeros(()), yaw_rate=jnp.zeros(())
+    )
+    zero = jnp.zeros(2)
+    asked = agvjax.Reference(
+        position=zero, velocity=zero, acceleration=zero, heading=jnp.zeros(()), heading_rate=jnp.zeros(()), route=route
+    )
+    state = dataclasses.replace(law.init(seen, asked), own=jnp.asarray(0.02))
+    for _ in range(20):
+        _, state, _ = law.advance(state, seen, asked, jnp.asarray(0.05))
+    assert float(state.place.waited) == 20 and float(state.own) == pytest.approx(0.02)
+
+
+def test_a_long_wait_in_single_precision_lasts_as_long_as_it_is_told():
+    with jax.enable_x64(False):
+        route = Route.through(LINE, [1, 1, 0, 1], dwell=20.0, limits=LIMITS)
+        place = route.at(jnp.asarray(4.97), jnp.zeros(()))
+        step = jax.jit(lambda p: route.follow(jnp.array([4.99, 0.0]), p, jnp.zeros(2), jnp.asarray(1e-3)))
+        for _ in range(20_000):
+            place = step(place)
+        assert place.waited.dtype == jnp.float32 and int(place.leg) == 0 and int(step(place).leg) == 1
+
+
+def test_limits_that_leave_no_speed_are_refused():
+    limits = SpeedLimits(acceleration=0.5, deceleration=0.4, jerk=0.1)
+    with pytest.raises(ValueError, match="limits leave no speed"):
+        Route.corners([[0, 0], [1, 0], [1 + 1e-4, 0]], 1.0, radius=0.1, dwell=[0, 1, 0], limits=limits)

@@ -201,3 +201,37 @@ def test_a_setting_beside_gains_counts_on_top_of_the_configuration_they_were_tun
     assert float(found.scenario.deadzone["left"].threshold_right) == 0.08
     np.testing.assert_allclose(np.asarray(found.scenario.path.squares)[0].max(), 0.16)
     assert "config.toml" in said[0]
+
+
+@pytest.mark.parametrize(
+    "zeros, spacing, begins, words",
+    [
+        ([2.5, 3.1], 0.5, [0, 2.5, 3.1], "stops at 2 of"),
+        ([2.0, 3.0], 1.0, [0, 2, 3], "stops at 2 of"),
+        ([0.9], 1.0, [0, 0.9], "stops at 1 of"),
+        ([2.9], 1.0, [0, 2.9], "stops at 1 of"),
+        ([2.9, 3.1], 1.0, [0, 2.9], "1 stops nearer to another one than the spacing are left out"),
+    ],
+)
+def test_thinning_leaves_stops_where_they_are(tmp_path, zeros, spacing, begins, words):
+    file, said = tmp_path / "way.csv", []
+    rows = [(round(0.1 * k, 1), 0.0 if round(0.1 * k, 1) in zeros else 1.0) for k in range(61)]
+    file.write_text("x,y,speed\n" + "".join(f"{x},0,{v}\n" for x, v in rows))
+    table = {"type": "route", "file": str(file), "dwell": 1.0, "spacing": spacing}
+    path = load([], more={"scenario.path": table}, note=said.append).scenario.path
+    assert path.legs[0].tolist() == pytest.approx(begins) and words in " ".join(said)
+
+
+def test_a_stop_beside_a_change_of_sign_is_where_it_turns_back(tmp_path):
+    file = tmp_path / "way.csv"
+    rows = [(0, 1), (1, 1), (2, 0), (3, 0), (4, 0), (3, -1), (2, -1)]
+    file.write_text("x,y,speed\n" + "".join(f"{x},0,{v}\n" for x, v in rows))
+    table = {"type": "route", "file": str(file), "dwell": 2.0}
+    path = load([], more={"scenario.path": table}, note=str).scenario.path
+    assert path.legs[0].tolist() == pytest.approx([0, 4]) and path.legs[3:].T.tolist() == [[1, 2], [-1, 0]]
+
+
+def test_a_list_of_dwell_times_goes_with_its_points():
+    mine = {"type": "route", "points": [[0, 0], [2, 0]], "dwell": [0, 0]}
+    with_it = load([], ["scenario.path.points=[[0,0],[1,0],[2,1]]"], more={"scenario.path": mine})
+    assert len(np.asarray(with_it.scenario.path.legs)[0]) == 1

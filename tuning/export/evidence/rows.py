@@ -56,13 +56,15 @@ class Layout(NamedTuple):
 def routes(artefact: Artefact) -> list[Route]:
     """That of the configuration; others, that code for routes takes its other ways on.
 
-    One over 50 m of two legs, one under 10 m that is closed; and two that no planner makes, which the code guards
-    against all the same: squared speeds below 0, pieces straight up and a leg of no direction; legs of a closed route.
+    One over 50 m of three legs with stops, one under 10 m that is closed; and two that no planner makes, which the code
+    guards against all the same: squared speeds below 0, pieces straight up and a leg of no direction; legs of a closed
+    route.
     """
     if artefact.route is None:
         return []
     points = np.array([[0, 0, 1], [20, 0, 1], [30, 4, 1], [40, 12, -1], [32, 7, -1], [20, 6, -1]], float)
-    legs = Route.through(points, limits=SpeedLimits(acceleration=0.4, deceleration=0.3))
+    stops = np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
+    legs = Route.through(points, dwell=stops, limits=SpeedLimits(acceleration=0.4, deceleration=0.3))
     closed = Route.corners(np.array([[1, 0], [2, 0], [2, 2], [0, 2], [0, 0]], float), 0.5, radius=0.3, closed=True)
     table, squares, each = (np.array(x, float) for x in (legs.table, legs.squares, legs.legs))
     third = squares.shape[1] // 3
