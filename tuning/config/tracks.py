@@ -58,10 +58,7 @@ def waypoints(
     if closed and len(points) > 3 and np.array_equal(points[0], points[-1]):  # as racing lines are written
         columns = {name: values[:-1] for name, values in columns.items()}
         points, t = points[:-1], None if t is None else t[:-1]
-    if spacing is None:
-        kept = drives.thinned(points, closed, t is not None)
-    else:
-        kept = drives.Thinned(drives.apart(points, spacing), spacing)
+    kept = drives.thinned(points, closed, t is not None) if spacing is None else drives.apart(points, spacing)
     said, speed, halts, lost = [], columns.get("speed"), np.zeros(0, int), 0
     stops = stops and not closed and not fixed
     if (fewer := len(points) - len(kept.rows)) > 0:

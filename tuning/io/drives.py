@@ -29,8 +29,8 @@ class Thinned(NamedTuple):
     spacing: float
 
 
-def apart(points: np.ndarray, spacing: float) -> np.ndarray:
-    """The numbers of points (N, 2) each at least `spacing` [m] from the one before, and of the last point."""
+def apart(points: np.ndarray, spacing: float) -> Thinned:
+    """Points (N, 2) each at least `spacing` [m] from the one before, and the last point."""
     rows = [0]
     for i in range(1, len(points)):
         if np.hypot(*(points[i] - points[rows[-1]])) >= spacing:
@@ -39,7 +39,7 @@ def apart(points: np.ndarray, spacing: float) -> np.ndarray:
     if rows[-1] != last and spacing > 0:
         near = np.hypot(*(points[last] - points[rows[-1]])) < spacing / 2
         rows[-1:] = [last] if near and len(rows) > 1 else [rows[-1], last]
-    return np.array(rows)
+    return Thinned(np.array(rows), spacing)
 
 
 def thinned(points: np.ndarray, closed: bool, timed: bool) -> Thinned:
@@ -56,7 +56,7 @@ def thinned(points: np.ndarray, closed: bool, timed: bool) -> Thinned:
         return everything
     extent, share, tried = float(np.linalg.norm(np.ptp(points, axis=0))), FINEST, [everything] * timed
     while share <= COARSEST and extent > 0:
-        tried.append(Thinned(apart(points, share * extent), share * extent))
+        tried.append(apart(points, share * extent))
         share *= RATIO
     for corners, shaken in ((0.0, SHAKEN), (CORNERS, SHAKEN), (1.0, np.inf)):
         for one in tried:
