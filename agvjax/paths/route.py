@@ -31,6 +31,7 @@ from .profile import SpeedLimits
 
 PACE = 4.0  # times its own motion, that progress may move in a step: inside a curve it is faster than the vehicle
 SLIDE, SLOWEST = 1e-3, 0.05  # of the route's length, but at most m, by which progress may move in a step at rest
+STILL = 1e-12  # m^2/s^2, squared speeds below which are rounding: it stands
 TURN = 1.0  # m that a radian of a wrong heading counts as where a vehicle looks for its place; or a tenth of the length
 
 
@@ -38,8 +39,7 @@ TURN = 1.0  # m that a radian of a wrong heading counts as where a vehicle looks
 class Route(Path):
     """A path by arc length with a speed profile, driven forwards and backwards; made by one of its class methods.
 
-    By a clock (`route(t)`) it is run at its profile from its beginning, again and again where it is closed; an open one
-    ends at its last point.
+    By a clock (`route(t)`) it is run at its profile from its beginning, once, or again and again where it is closed.
     """
 
     table: Numbers  # (12, n) m, coefficients of the powers of the share of n pieces, x then y
@@ -188,7 +188,7 @@ class Route(Path):
         p, rate, second = piece.curve(share)
         length, inside = jnp.sqrt(jnp.sum(rate * rate)), jnp.clip(share, 0, 1)
         square, change = (self.look("squares", k, piece.number) for k in range(2))
-        room = None
+        squared, room = square + change * inside, None
         if self.half_widths is not None:
             left, left_change, right, right_change = (self.look("half_widths", k, piece.number) for k in range(4))
             room = left + inside * left_change, right + inside * right_change
@@ -198,7 +198,7 @@ class Route(Path):
             position=p,
             tangent=rate / length,
             curvature=(rate[0] * second[1] - rate[1] * second[0]) / length**3,
-            speed=safe_sqrt(jnp.maximum(square + change * inside, 0)),
+            speed=safe_sqrt(jnp.where(squared > STILL, squared, 0)),
             sign=piece.leg.sign,
             remaining=self._leg_end(leg) - arc,
             waited=jnp.zeros_like(arc),

@@ -59,9 +59,9 @@ def test_points_in_one_place_make_no_path():
 
 def test_points_are_at_least_a_spacing_apart_and_end_with_the_last():
     line = np.column_stack([np.arange(0, 1.01, 0.1), np.zeros(11)])
-    assert drives.apart(line, 0.35).tolist() == [0, 4, 8, 10]  # .2 m are more than half
-    assert drives.apart(line, 0.45).tolist() == [0, 5, 10]
-    assert drives.apart(line[:10], 0.35).tolist() == [0, 4, 9]  # .1 m after .8: the last stands for it
+    assert drives.apart(line, 0.35).rows.tolist() == [0, 4, 8, 10]  # .2 m are more than half
+    assert drives.apart(line, 0.45).rows.tolist() == [0, 5, 10]
+    assert drives.apart(line[:10], 0.35).rows.tolist() == [0, 4, 9]  # .1 m after .8: the last stands for it
 
 
 def test_where_the_speed_is_zero_a_crawl_stands_in_the_direction_of_what_is_near():
@@ -77,6 +77,6 @@ def test_a_stop_between_two_points_of_a_slow_log_is_no_slow_driving(fixes):
     x, stop = np.arange(30.0), np.full(fixes - 1, 10.0)
     points = np.column_stack([np.concatenate([x[:11], stop, x[11:]]), np.zeros(30 + fixes - 1)])
     t = np.concatenate([np.arange(11.0), 10 + np.arange(1.0, fixes), 71 + np.arange(19.0)])
-    speed, stood = drives.speeds(points, t, drives.Thinned(drives.apart(points, 0.5), 0.5))
+    speed, stood = drives.speeds(points, t, drives.apart(points, 0.5))
     np.testing.assert_allclose(speed, 1.0)
     assert stood == pytest.approx(60.0)
