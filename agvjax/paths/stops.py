@@ -36,8 +36,10 @@ def stops(
         raise ValueError(f"dwell must be finite and >= 0 [s]; got {bad[0]:g}")
     still = speeds == 0 if speeds.shape == (n,) else np.zeros(n, bool)
     where = np.flatnonzero(still | (times > 0) if times.ndim else still)
+    if closed and np.any(times > 0):
+        raise ValueError(f"dwell must be 0 on a closed route, which has no stops; got {times.max():g}")
     if not times.ndim and times > 0 and not where.size:
-        raise ValueError(f"dwell must be one for each point where no point has speed 0; got {float(times):g}")
+        raise ValueError(f"dwell must be one for each of {n} points where none has speed 0; got {float(times):g}")
     _check(still, where, closed)
     if still.any():
         speed = _around(speeds, still, given, back)

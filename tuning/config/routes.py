@@ -20,7 +20,8 @@ SHAPES = {name: cls for name, cls in CLASSES["scenario.path"].items() if cls is 
 LAYING = {  # what a route can be told, and what it means
     "along": "instead of a file or points: the route of a shape, by its name or as a table with its type",
     "closed": "whether the path goes on from its last point to its first",
-    "dwell": "how long the vehicle stands [s] where the speed is 0 on the way; or one for each point, above 0 at stops",
+    "dwell": "how long the law commands rest [s] where the speed is 0 on the way, 0 without it; or one for each point,"
+    " above 0 at stops",
     "radius": "of every corner [m]: straight lines with rounded corners instead of a spline",
     "tolerance": "how far from a corner its arc may pass [m]: straight lines with rounded corners instead of a spline",
     "until": "where a route along a shape ends by the shape's clock [s]; without it at its lap or end",

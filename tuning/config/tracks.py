@@ -104,4 +104,4 @@ def _driven(points: np.ndarray, t: np.ndarray, kept: drives.Thinned) -> tuple[np
         mended = 'if they are in ms, say columns = { t = { column = "its name", unit = "ms" } }, or speed'
         raise ValueError(f"by its times it was driven at {speed.max():.2g} m/s at most; {mended}")
     words = f"speeds are those at which it was driven, {speed.min():.3g} to {speed.max():.3g} m/s"
-    return speed, words + f", {stood:.0f} s at rest apart" * (stood > SPOKEN)
+    return speed, words + f", {stood:.0f} s at rest apart (a stop is a point of speed 0)" * (stood > SPOKEN)

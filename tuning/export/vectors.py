@@ -83,6 +83,8 @@ def _along(controller: Sampled, route: Route) -> list[tuple[PyTree, Measurement,
     given, steps = tables.to_follow(route), []
     for leg, arc, ahead in _spots(route):
         place, later = (_at(route, jnp.asarray(x), jnp.asarray(leg)) for x in (arc, arc + ahead))
+        if not ahead:  # where a leg is done, after some of the time that it may have to wait
+            place = dataclasses.replace(place, waited=jnp.asarray(float(rng.integers(60))))
         off = BESIDE * rng.normal(size=3)
         heading = later.heading() + off[0]
         seen = dataclasses.replace(

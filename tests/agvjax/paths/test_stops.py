@@ -150,10 +150,10 @@ BAD = {
     "last": (dict(dwell=[0, 0, 0, 2]), "dwell must be 0 at the first and the last point.* number 4"),
     "in a row": (dict(speed=[1, 0, 0, -1]), "speed must not be 0 at two points in a row where.*; numbers 2 and 3"),
     "closed": (dict(speed=[1, 0, 1, 1], closed=True), "speed must not be 0 on a closed route.* number 2"),
-    "closed and waiting": (dict(dwell=[0, 1, 0, 0], closed=True), "dwell must be 0 on a closed route.* number 2"),
+    "closed and waiting": (dict(dwell=[0, 1, 0, 0], closed=True), "dwell must be 0 on a closed route.* got 1"),
     "negative": (dict(dwell=[0, -1, 0, 0]), "dwell must be finite and >= 0 .*; got -1"),
     "endless": (dict(dwell=np.inf, speed=[1, 0, 1, 1]), "dwell must be finite .*; got inf"),
-    "nowhere": (dict(dwell=2.0), "dwell must be one for each point where no point has speed 0; got 2"),
+    "nowhere": (dict(dwell=2.0), "dwell must be one for each of 4 points where none has speed 0; got 2"),
     "too few": (dict(dwell=[1.0, 2.0]), r"dwell must be a number or one for each of 4 points; its shape is \(2,\)"),
 }
 

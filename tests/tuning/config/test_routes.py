@@ -104,7 +104,7 @@ def test_what_is_read_is_written_and_read_again():
         ({"points": [[0, 0], [1, 0]], "limits": {"acceleration": 0}}, ("limits.acceleration = 0", "> 0")),
         ({"points": [[0, 0], [1, 0]], "limits": {"jerks": 1}}, ("limits.jerks", "one of speed")),
         ({"points": [[0, 0], [1, 0]], "until": 3.0}, ("scenario.path.until", "absent")),
-        ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": 2}, ("scenario.path.dwell = 2", "no point has speed 0")),
+        ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": 2}, ("scenario.path.dwell = 2", "none has speed 0")),
         ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": [0, -2, 0]}, ("scenario.path.dwell", ">= 0", "-2")),
         ({"points": [[0, 0], [1, 0], [2, 0]], "dwell": "long"}, ("scenario.path.dwell", "a number in s, or one for")),
         ({"along": "circle", "dwell": 2.0}, ("scenario.path.dwell", "absent")),
