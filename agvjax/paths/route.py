@@ -198,7 +198,7 @@ class Route(Path):
             position=p,
             tangent=rate / length,
             curvature=(rate[0] * second[1] - rate[1] * second[0]) / length**3,
-            speed=safe_sqrt(jnp.where(squared > STILL, squared, 0)),
+            speed=safe_sqrt(jnp.where(squared < STILL, 0, squared)),
             sign=piece.leg.sign,
             remaining=self._leg_end(leg) - arc,
             waited=jnp.zeros_like(arc),
