@@ -97,7 +97,9 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("law", [pytest.param(law, id=name) for name, law in LAWS.items()])
+@pytest.mark.parametrize(
+    "law", [pytest.param(law, id=n, marks=[pytest.mark.slow] * (n != "path_pid")) for n, law in LAWS.items()]
+)
 def test_a_vehicle_with_deadzone_and_delay_stops_waits_and_finishes(law):
     points, limits = [[0, 0], [2.5, 0], [5, 0], [5, 4]], SpeedLimits(deceleration=0.3)
     route = Route.corners(points, 0.6, radius=1.0, dwell=[0, 2.5, 0, 0], limits=limits)
@@ -213,6 +215,7 @@ def test_no_integral_winds_up_while_it_waits():
     assert float(state.place.waited) == 20 and float(state.own) == pytest.approx(0.02)
 
 
+@pytest.mark.slow
 def test_a_long_wait_in_single_precision_lasts_as_long_as_it_is_told():
     with jax.enable_x64(False):
         route = Route.through(LINE, [1, 1, 0, 1], dwell=20.0, limits=LIMITS)
