@@ -26,7 +26,8 @@ def check(subject: Subject, bench: Bench, rows: np.ndarray, wanted: Wanted) -> C
         theirs = step_by_step(subject, made, driven(subject, steps, wanted, rows), steps)
         return compared(made, theirs, rows, strange(subject.layout, rows), nowhere(subject.layout, rows))
 
-    asks = f"status and `limited` are those of JAX on every row with a place on a leg, and numbers to {TOLERANCE:g} on rows of usual size"
+    flags = "status and `limited` are those of JAX on every row with a place on a leg"
+    asks = f"{flags}, and numbers to {TOLERANCE:g} on rows of usual size"
     return judged("beside_jax", asks, ["gcc"], bench, subject.texts, look)
 
 
