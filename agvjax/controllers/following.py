@@ -7,6 +7,7 @@ has to stand: from where its end is reached, and at stops for as long as they la
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
@@ -69,9 +70,7 @@ class Follower(Law):
         twist, own = self.steer(state.own, place, route, measurement, period)
         rests = route.stands(place)
         twist = jnp.where(rests, 0.0, twist)
-        own = jax.tree.map(
-            lambda after, before: jnp.where(rests, before, after), own, state.own
-        )  # no integral winds up
+        own = jax.tree.map(functools.partial(jnp.where, rests), state.own, own)  # no integral winds up
         command = Command(position=twist, heading=jnp.zeros_like(measurement.heading), twist=twist)
         return command, Followed(place=place, own=own), jnp.zeros((), bool)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._pytree import NONNEGATIVE, POSITIVE, Real, number, pytree, structure
@@ -60,11 +61,10 @@ class RegulatedPurePursuit(Regulated):
 
     def canonical(self) -> RegulatedPurePursuit:
         """With a smallest look-ahead not above the largest."""
-        if not self.use_velocity_scaled_lookahead_dist:
+        least, largest = self.min_lookahead_dist, self.max_lookahead_dist
+        if not self.use_velocity_scaled_lookahead_dist or not np.any(np.asarray(least) > np.asarray(largest)):
             return self
-        return dataclasses.replace(
-            self, min_lookahead_dist=jnp.minimum(self.min_lookahead_dist, self.max_lookahead_dist)
-        )
+        return dataclasses.replace(self, min_lookahead_dist=jnp.minimum(least, largest))
 
     def look_ahead(self, speed: Array) -> Float[Array, ""]:
         """The look-ahead [m] at a speed [m/s]."""

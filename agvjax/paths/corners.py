@@ -91,9 +91,13 @@ def corners(
 
 def _back(points: np.ndarray, number: int) -> bool:
     """Whether lines turn back at a point."""
-    before, after = points[number, :2] - points[number - 1, :2], points[number + 1, :2] - points[number, :2]
-    cross, along = before[0] * after[1] - before[1] * after[0], before @ after
-    return bool(abs(np.arctan2(cross, along)) > BACK)
+    return bool(abs(_turns(np.diff(points[:, :2], axis=0))[number]) > BACK)
+
+
+def _turns(edges: np.ndarray) -> np.ndarray:
+    """By how much [rad] the way turns before each line (N,), before the first one from the last."""
+    angles = np.arctan2(edges[:, 1], edges[:, 0])
+    return (angles - np.roll(angles, 1) + np.pi) % (2 * np.pi) - np.pi
 
 
 def _within(parts: Sequence[Part], first: int, marks: np.ndarray, halts: Mapping[int, float]) -> dict[float, float]:
@@ -118,7 +122,7 @@ def _parts(points: np.ndarray, closed: bool, radius: float | None, tolerance: fl
             f"points must differ from the one before; number {j} and number {j % len(points) + 1} are equal{closes}"
         )
     units, n = edges / lengths[:, None], len(edges)
-    turns = (angles - np.roll(angles, 1) + np.pi) % (2 * np.pi) - np.pi  # before each line
+    turns = _turns(edges)
     if not closed:
         turns[0] = 0.0
     elif np.any(np.abs(turns) > BACK):

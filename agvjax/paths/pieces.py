@@ -110,5 +110,5 @@ def look(table: Numbers, row: int, number: Array) -> Array:
 
 
 def of_leg(row: Array, leg: Array) -> Array:
-    """The number of a leg; of the only one without a lookup."""
-    return row[0] if row.shape[0] == 1 else row.at[jnp.asarray(leg).astype(int)].get(mode="clip")
+    """The number of a leg, or that at the nearest end."""
+    return row.at[jnp.asarray(leg).astype(int)].get(mode="clip", wrap_negative_indices=False)

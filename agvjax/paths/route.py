@@ -252,12 +252,9 @@ class Route(Path):
         """
         leg, on = jnp.zeros_like(heading), self.of_leg(jnp.zeros_like(heading))
         score = far(position, direction(heading) * on.sign, jnp.minimum(TURN, jnp.asarray(self.length) / 10))
-
-        def nearer(arc: Array) -> Array:
-            return self._kept(self._piece(arc, leg).nearest(position, arc, 1 / on.pace), leg)
-
         arc = self.least(score, (0, 1, 6, 7), on.beyond) / on.pace
-        return self._at(self.again(nearer, 3, arc), leg)
+        arc = self.again(lambda s: self._kept(self._piece(s, leg).nearest(position, s, 1 / on.pace), leg), 3, arc)
+        return self._at(arc, leg)
 
     def _kept(self, arc: Array, leg: Array) -> Array:
         """Within the leg, or on the lap."""
@@ -285,8 +282,10 @@ class Route(Path):
     def of_leg(self, leg: Array) -> Leg:
         """The numbers of a leg."""
         rows = [jnp.asarray(row) for row in self.legs]
-        ends, beyond = (jnp.append(rows[k], end)[1:] for k, end in ((0, self.length), (2, self.table.shape[1])))
-        return Leg(*(of_leg(row, leg) for row in Leg.of(rows, ends, beyond)))
+        ends, beyond = (jnp.append(rows[k], end) for k, end in ((0, self.length), (2, self.table.shape[1])))
+        if self.legs.shape[1] == 1:
+            return Leg.of([row[0] for row in rows], ends[1], beyond[1])
+        return Leg.of([of_leg(row, leg) for row in rows], of_leg(ends, leg + 1), of_leg(beyond, leg + 1))
 
     def look(self, table: str, row: int, number: Array) -> Array:
         """The number of a piece in a row of `table`, `squares` or `half_widths`."""

@@ -36,25 +36,16 @@ def stops(
         raise ValueError(f"dwell must be finite and >= 0 [s]; got {bad[0]:g}")
     still = speeds == 0 if speeds.shape == (n,) else np.zeros(n, bool)
     where = np.flatnonzero(still | (times > 0) if times.ndim else still)
-    if closed and np.any(times > 0):
-        raise ValueError(f"dwell must be 0 on a closed route, which has no stops; got {times.max():g}")
+    rule = "speed must not be 0" if still.any() else "dwell must be 0"
+    if closed and (still.any() or np.any(times > 0)):
+        raise ValueError(f"{rule} on a closed route, which has no stops")
     if not times.ndim and times > 0 and not where.size:
         raise ValueError(f"dwell must be one for each of {n} points where none has speed 0; got {float(times):g}")
-    _check(still, where, closed)
+    if ends := {0, n - 1} & {*where.tolist()}:
+        raise ValueError(f"{rule} at the first and the last point, for a stop lies between; number {min(ends) + 1}")
     if still.any():
         speed = _around(speeds, still, given, back)
     return points, speed, dict(zip(where.tolist(), np.broadcast_to(times, n)[where].tolist(), strict=True))
-
-
-def _check(still: np.ndarray, where: np.ndarray, closed: bool) -> None:
-    """Refuse stops where none can be; `still` says which points (N,) have speed 0."""
-    if not where.size:
-        return
-    rule = f"{'speed must not be 0' if still[where].any() else 'dwell must be 0'}"
-    if closed:
-        raise ValueError(f"{rule} on a closed route, which has no stops; number {where[0] + 1} is one")
-    if ends := {0, len(still) - 1} & {*where.tolist()}:
-        raise ValueError(f"{rule} at the first and the last point, for a stop lies between; number {min(ends) + 1}")
 
 
 def _around(

@@ -59,8 +59,9 @@ class ParameterFile:
         names = [
             n.removeprefix(prefix) for n in (*(config.tune.gains or ()), *config.tune.tied) if n.startswith(prefix)
         ]
-        before = agvjax.leaves(config.controller)
-        names += [n for n in ("min_lookahead_dist",) if leaves[prefix + n] < before[prefix + n]]  # see `Law.canonical`
+        least, before = "min_lookahead_dist", agvjax.leaves(config.controller)
+        if float(leaves[prefix + least]) < (1 - 1e-6) * float(before[prefix + least]):
+            names.append(least)  # it was above the largest: `RegulatedPurePursuit.canonical`
         values = {name: float(leaves[prefix + name]) for name in names}
         text = nav2.write(self.found.text, values, self.found.controller)
         files.write(out / TUNED, text)

@@ -249,7 +249,7 @@ def _drop_source(before: dict[str, Toml], table: Mapping[str, Toml], sources: Se
     if not (mine and given):
         return
     lists = {n for n in ("speed", "half_width", "dwell") if isinstance(before.get(n), list)}
-    if len(lists & {"half_width"}) and len(before["half_width"]) == 2:
+    if "half_width" in lists and len(before["half_width"]) == 2:
         lists.remove("half_width")  # left and right, of any points
     gone = {*sources, "columns", "topic", "spacing", "values", *lists}
     gone |= set(before) - set(KEPT) if anew and not mine & given else set()

@@ -8,7 +8,7 @@ import numpy as np
 from ...io.files import Json
 from .check import Bench, Check, judged
 from .harness import STRICT, Subject, compiled, ran
-from .rows import FIRST, HUGE, ON, STEP, USUAL, Wanted, by_jax, nowhere, strange, unrolled
+from .rows import FIRST, HUGE, ON, STEP, USUAL, Wanted, by_jax, strange, unrolled
 
 TOLERANCE = 1e-10  # of the largest number of a row or 1, of rows of numbers that a robot can have
 
@@ -24,10 +24,9 @@ def check(subject: Subject, bench: Bench, rows: np.ndarray, wanted: Wanted) -> C
             return "it does not run", {}, [said[:300]]
         steps = unrolled(subject.layout, rows, made)
         theirs = step_by_step(subject, made, driven(subject, steps, wanted, rows), steps)
-        return compared(made, theirs, rows, strange(subject.layout, rows), nowhere(subject.layout, rows))
+        return compared(made, theirs, rows, strange(subject.layout, rows))
 
-    flags = "status and `limited` are those of JAX on every row with a place on a leg"
-    asks = f"{flags}, and numbers to {TOLERANCE:g} on rows of usual size"
+    asks = f"status and `limited` are those of JAX on every row, and numbers to {TOLERANCE:g} on rows of usual size"
     return judged("beside_jax", asks, ["gcc"], bench, subject.texts, look)
 
 
@@ -57,13 +56,11 @@ def step_by_step(subject: Subject, made: np.ndarray, wanted: Wanted, rows: np.nd
     return Wanted(numbers, flags)
 
 
-def compared(
-    made: np.ndarray, wanted: Wanted, rows: np.ndarray, odd: np.ndarray, nowhere: np.ndarray
-) -> tuple[str, Json, list[str]]:
+def compared(made: np.ndarray, wanted: Wanted, rows: np.ndarray, odd: np.ndarray) -> tuple[str, Json, list[str]]:
     """What differs.
 
     On rows of huge numbers, and `odd` ones, which are there for the branches, results may be anything: each has to be
-    finite where that of JAX is, and the flags the same, but for places that are `nowhere`.
+    finite where that of JAX is, and both zero or neither.
     """
     count = wanted.numbers.shape[1]
     got, flags = made[:, :count], made[:, count:]
@@ -74,11 +71,11 @@ def compared(
     with np.errstate(all="ignore"):
         away = np.where(finite, np.abs(got - wanted.numbers), 0.0) / largest[:, None]
     away = np.where(np.isnan(away), np.inf, away).max(axis=1, initial=0.0)
-    kinds = (np.isfinite(got) != finite).any(axis=1) & ~nowhere
+    kinds = (np.isfinite(got) != finite).any(axis=1)
     found = [f"row {i}: off by {away[i]:.1e}" for i in np.flatnonzero(usual & (away > TOLERANCE))]
     found += [f"row {i}: a number is finite in one and not in the other" for i in np.flatnonzero(kinds)]
     for column, what in enumerate(("limited", "status")):
-        differs = (flags[:, column] != wanted.flags[:, column]) & ~nowhere
+        differs = flags[:, column] != wanted.flags[:, column]
         found += [
             f"row {i}: {what} is {flags[i, column]:g}, of JAX {wanted.flags[i, column]:g}"
             for i in np.flatnonzero(differs)

@@ -146,17 +146,11 @@ def _with(row: np.ndarray, column: int, value: float) -> np.ndarray:
 
 def strange(layout: Layout, rows: np.ndarray) -> np.ndarray:
     """Of each row whether no step and no planner makes it: a place on a leg that is none, or one of the odd routes."""
-    odd = (rows[:, 1] >= ODD) | nowhere(layout, rows)
+    odd = rows[:, 1] >= ODD
     for i, name in enumerate(layout.names):
         if name.endswith("place_leg"):
-            odd |= rows[:, i] >= 1
+            odd |= (rows[:, i] != np.floor(rows[:, i])) | (rows[:, i] < 0) | (rows[:, i] >= 1)
     return odd
-
-
-def nowhere(layout: Layout, rows: np.ndarray) -> np.ndarray:
-    """Of each row whether its place is on a leg whose number is none: C and JAX take different legs for it."""
-    legs = rows[:, [i for i, name in enumerate(layout.names) if name.endswith("place_leg")]]
-    return ((legs != np.floor(legs)) | (legs < 0)).any(axis=1)
 
 
 class Wanted(NamedTuple):
