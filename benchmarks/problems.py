@@ -9,14 +9,15 @@ asked to minimise goal + 30 x excess. Where every run diverges with the configur
 of our screening.
 
 `python -m benchmarks problems --seeds 5 --most 20000 --only agv late`; without options one seed and `MOST`.
-`--scheduler local:4` shares the problems among workers.
+`--scheduler local:4` shares the problems among workers. What is done is kept in build/problems/: the same command on
+the same commit goes on.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import multiprocessing
-import pickle
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -25,9 +26,11 @@ from typing import Any
 
 import numpy as np
 
+from . import history
 from .tuning import TPE_BUDGET, Recorder, Spent, search
 
 FOLDER = Path(__file__).with_name("problems")
+KEPT = Path(__file__).parents[1] / "build" / "problems"
 POSED: dict[str, tuple[str, ...]] = {  # presets and files of classes that each is given besides
     "agv": (),
     "pid-unicycle": ("unicycle", "pid.py"),
@@ -173,27 +176,30 @@ def measure(
 
     from tuning.compute import schedule
     from tuning.compute.jobs import Jobs
+    from tuning.io import files
 
     jax.config.update("jax_enable_x64", True)  # as in `attempts`: workers are set as this process is
-    names, rows = tuple(only or POSED), {}
+    names, folder = tuple(only or POSED), KEPT / f"{history.commit()}-{seeds}-{most}"
+    folder.mkdir(parents=True, exist_ok=True)
     jobs = Jobs("problem", lambda number: _apart(names[number], seeds, most), prepare, (names, seeds, most))
+    missing = [number for number, name in enumerate(names) if not (folder / f"{name}.json").exists()]
     with schedule.opened(scheduler, print) as engine:
-        for number, data in engine.each(jobs, range(len(names))):
-            rows[number] = compared(names[number], pickle.loads(data))
-            print(rows[number], flush=True)
-    return [rows[number] for number in sorted(rows)]
+        for number, data in engine.each(jobs, missing):
+            files.write(folder / f"{names[number]}.json", data)
+            print(compared(names[number], json.loads(data)), flush=True)
+    return [compared(name, json.loads(files.text(folder / f"{name}.json"))) for name in names]
 
 
 def prepare(about: tuple[tuple[str, ...], int, int]) -> Callable[[int], bytes]:
     """What solves the problem of a number, in a worker."""
     names, seeds, most = about
-    return lambda number: pickle.dumps(attempts(names[number], seeds, most))
+    return lambda number: json.dumps(attempts(names[number], seeds, most)).encode()
 
 
 def _apart(name: str, seeds: int, most: int) -> bytes:
     """A problem, in a process of its own."""
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-        return pickle.dumps(pool.apply(attempts, (name, seeds, most)))
+        return json.dumps(pool.apply(attempts, (name, seeds, most))).encode()
 
 
 def compared(name: str, runs: list[dict[str, Any]]) -> dict[str, Any]:
