@@ -64,7 +64,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
-    parser.add_argument("--seeds", type=int, default=1, help="searches of each problem")
+    parser.add_argument("--seeds", type=int, default=1, help="of our searches on a problem")
     parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
@@ -77,7 +77,7 @@ def main() -> None:
     PARTS.update({name: lambda turns, m=m: m(given.days, given.hours) for name, m in DRIFTING.items()})
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    notes = {"problems": f"Seeds 0 to {given.seeds - 1}; CMA-ES once, with {given.most} rollouts."}
+    notes = {"problems": f"Ours from seeds 0 to {given.seeds - 1}; CMA-ES with {given.most} rollouts."}
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)

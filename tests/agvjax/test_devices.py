@@ -115,7 +115,7 @@ print(agvjax.tune_xla())
     [
         ({"AGVJAX_XLA": ""}, "True False"),
         ({"AGVJAX_XLA": "0"}, "False False"),
-        ({"JAX_PLATFORMS": "tpu"}, "False False"),
+        pytest.param({"JAX_PLATFORMS": "tpu"}, "False False", marks=pytest.mark.slow),
     ],
 )
 def test_an_import_sets_options_and_later_calls_do_not_contradict(environment, first):

@@ -98,6 +98,7 @@ def test_an_old_name_is_none_of_today_and_means_one_of_today():
         load([], ["pareto.metric=chatter"])
 
 
+@pytest.mark.slow
 def test_the_heading_and_what_is_delivered_are_missing_where_there_is_none():
     clock, all_channels = (set(metrics_of(x)) for x in (agvjax.Scenario.of(agvjax.Unicycle()), agvjax.Scenario()))
     assert {name for name, row in METRICS.items() if "heading" in name and not row.route} == all_channels - clock

@@ -1,11 +1,11 @@
-"""Where slopes came to little: CMA-ES from several places, of which the better go on, all sets looked at in one call.
+"""Where slopes came to little: CMA-ES from two places, of which the better goes on, all sets looked at in one call.
 
 Before that, populations as wide as the screening look further: a narrow valley that random sets hardly hit is found on
 their way, and left again where more of the sets lie in a wide one. So their sets are places to begin at.
 
 Slopes lead down from one place, and where a cost is rugged, chattering or a narrow valley they end early. Populations
-of gain sets about places of their own (`methods.cma`) need none: one is drawn about the best so far, the others about
-Sobol points around the configured gains. Sets are compared as everywhere: the sum of excesses first, then the goal.
+of gain sets about places of their own (`methods.cma`) need none: one is drawn about the best so far, one about the best
+set seen that lies apart from it. Sets are compared as everywhere: the sum of excesses first, then the goal.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ..config.settings import Tune
 from ..ensemble.sobol import sobol
 from .methods.method import Progress
 from .methods.objective import FEASIBLE, Objective, Score
-from .screen import Screen, Screened
+from .screen import APART, Screen, Screened
 from .tuner import HISTORY, Tuner
 
 if TYPE_CHECKING:
     from .methods.cma import Cma, State
 
-POPULATIONS, SIZE = 4, 16  # of gain sets, and sets in each: with 16 scenarios they fill one call
-REACH = 2  # of the places, as a power of `tune.spread`: 9 times, either way
-MOST = 48  # generations
-WIDE, CLOSING = 64, 8  # sets in a population that looks further, and its generations
-RUNGS = (6, 12)  # generations after which the better half of the populations goes on, one to the end
+POPULATIONS, WIDE, CLOSING = 4, 64, 6  # that look further, sets in each, and generations
+REACH = 2  # of their places and sets, as a power of `tune.spread`: 9 times, either way
+SIZE, MOST = 16, 48  # sets in a population that goes on, and generations
+RUNGS = (6,)  # generations after which the better half of the populations goes on
+AMONG = 8  # sets that lie apart, one of which is away from the best
 PATIENCE, LITTLE = 20, 0.01  # generations in which a population must gain so much, as a share of its goal
 
 
@@ -70,13 +70,19 @@ def further(screen: Screen, seen: Screened, moving: np.ndarray, tick: Callable[[
     return seen.joined(*(np.concatenate(x) for x in zip(*found, strict=True)))
 
 
+def again(seen: Screened, best: np.ndarray) -> list[np.ndarray]:
+    """Where populations begin that go on (K,): the best so far, and the best set seen that lies apart from it."""
+    away = [z for z in seen.apart(AMONG) if np.abs(z - best).max() > APART]
+    return [best, *away[:1]]
+
+
 def state(begin: np.ndarray) -> Drawn:
     """Before the first generation about a mean (K,) of the gains that move."""
     return Drawn(_method().begin(jnp.asarray(begin), 0))
 
 
 def places(screen: Screen, best: np.ndarray, moving: np.ndarray) -> list[np.ndarray]:
-    """Where populations begin (K,): the best so far, and Sobol points about the configured gains."""
+    """Where populations look further (K,): about the best so far, and Sobol points about the configured gains."""
     tuner = screen.tuner
     middle, reach = np.asarray(tuner.gains.coordinates(tuner.controller)), REACH * np.log(tuner.settings.spread)
     sides = 2 * sobol(POPULATIONS - 1, int(moving.sum()), screen.seed + 1) - 1

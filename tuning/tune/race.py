@@ -119,7 +119,7 @@ def _populations(run: Run, seen: Screened, screen: Screen) -> Run | None:
     moving = run.moving
     if not any(populations.drawn(p) for p in run.searches):
         best = np.asarray(run.lead.best_z if np.isfinite(run.lead.best[1]) else seen.places[0])
-        further = [populations.begin(screen.tuner, z, moving) for z in populations.places(screen, best, moving)]
+        further = [populations.begin(screen.tuner, z, moving) for z in populations.again(seen, best)]
     elif populations.drawn(run.searches[-1]) and populations.drawn(run.lead):
         further = [screen.tuner.begin(run.lead.best_z, moving)]
     else:

@@ -299,6 +299,7 @@ def updates(command):
     return [np.flatnonzero(change) + 1 for change in (np.diff(command, axis=0) != 0).T]
 
 
+@pytest.mark.slow
 def test_event_trigger_sends_a_fiftieth_and_costs_little():
     run = lap("event-triggered")
     assert all(0 < len(channel) <= 260 for channel in updates(run.command))

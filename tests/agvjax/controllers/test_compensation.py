@@ -110,6 +110,7 @@ class Standing(agvjax.Path):
         return jnp.zeros(2) + 0.0 * t
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_asked_to_stand_does_not_buzz():
     """2 mm of noise for 20 s: without the quiet part the inverse throws the wheels across the whole deadzone."""
     plant = agvjax.Unicycle()

@@ -75,7 +75,7 @@ def rectangle():
     [
         (Gains(), 0.2, -0.3),
         (Gains(k_y=8.1, k_psi=5.6, k_i=3.8, ahead=0.28, min_radius=0.72, min_speed=0.2), -0.3, 0.4),
-        (Gains(k_y=2.0, k_psi=2.5, k_i=0.0, ahead=0.1), 0.3, 0.1),
+        pytest.param(Gains(k_y=2.0, k_psi=2.5, k_i=0.0, ahead=0.1), 0.3, 0.1, marks=pytest.mark.slow),
     ],
 )
 def test_the_loop_is_that_of_one_by_hand(rectangle, gains, aside, heading):
@@ -199,6 +199,7 @@ def test_metrics_are_those_of_the_trajectory(rectangle):
     assert np.linalg.norm(np.asarray(run.velocity)[-1]) < 1e-3 and np.all(np.asarray(run.command)[-1] == 0)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_asked_for_less_than_its_deadzone_stands_and_never_finishes():
     route = Route.corners([[0, 0], [5, 0]], 0.05, radius=1.0)
     given = scenario(route, position=np.array([0.0, 0.0]), heading=0.0)

@@ -204,7 +204,9 @@ def commanded(case, step, sign=1.0):
 WHOLE = ("straight", "s-bend", "left, radius 2", "right, radius 0.4", "rounded rectangle", "hairpin")
 
 
-@pytest.mark.parametrize("name", WHOLE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in ("straight", "s-bend"))) for n in WHOLE]
+)
 def test_the_twist(name):
     def keep(case, step):
         if case["path"] != name or not along(case) or not curved(case) or step["rotates"]:

@@ -115,7 +115,7 @@ def by_hand(p, *, period, horizon, h=1e-3, delay=0, top=None, speed=None, own=No
     return np.array([*places, state[:2]])
 
 
-@pytest.mark.parametrize("case", ["plain", "delayed", "limited"])
+@pytest.mark.parametrize("case", [*(pytest.param(c, marks=pytest.mark.slow) for c in ("plain", "delayed")), "limited"])
 def test_the_digital_loop_is_the_one_written_by_hand(case):
     law, actuators, own = Sampled(vehicle=Unicycle()), {}, {}
     if case == "delayed":
@@ -153,6 +153,7 @@ def test_a_shorter_period_tends_to_the_continuous_law(euler):
     assert 0.3 < off[1] / off[0] < 0.7
 
 
+@pytest.mark.slow
 def test_the_paper_gains_on_a_vehicle_that_rolls():
     run = agvjax.simulate(NeuroBackstepping(), Scenario.of(Unicycle()))
     error = np.linalg.norm(run.position - run.reference_position, axis=1)

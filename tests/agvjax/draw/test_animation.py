@@ -185,6 +185,7 @@ def test_the_command_writes_a_picture_of_its_run(command, capsys):
     assert not [path.name for path in out.iterdir() if path.name.endswith(".part")]
 
 
+@pytest.mark.slow
 def test_the_command_shows_how_far_it_is(command, capsys):
     code, out = command()
     said = capsys.readouterr()

@@ -35,7 +35,17 @@ def words(figure):
     return [text.get_text() for text in figure.texts]
 
 
-@pytest.mark.parametrize(("value", "from_"), [*((value, 0) for value in ODD.values()), (1e300, 5), (jnp.inf, 5)])
+@pytest.mark.parametrize(
+    ("value", "from_"),
+    [
+        *(
+            pytest.param(value, 0, marks=[pytest.mark.slow] * (name not in ("constant", "larger")))
+            for name, value in ODD.items()
+        ),
+        pytest.param(1e300, 5, marks=pytest.mark.slow),
+        (jnp.inf, 5),
+    ],
+)
 def test_any_numbers_are_drawn_and_what_is_not_is_said(value, from_):
     run = odd(value, from_)
     figures = [plot.path({"run": run}, np.full((3, 2), value)), plot.errors({"run": run}), plot.commands({"run": run})]

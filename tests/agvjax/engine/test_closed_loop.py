@@ -280,7 +280,7 @@ def test_a_place_that_single_precision_does_not_resolve_to_a_millimetre_is_no_ru
     assert bool(mapped(place, jnp.float32).ok) is fine  # 2^-23 of the distance from the origin
 
 
-@pytest.mark.parametrize(("turns", "fine"), [(-1300, True), (1400, False)])
+@pytest.mark.parametrize(("turns", "fine"), [pytest.param(-1300, True, marks=pytest.mark.slow), (1400, False)])
 def test_a_heading_that_single_precision_does_not_resolve_to_a_thousandth_is_no_run(turns, fine):
     assert bool(mapped([0.0, 0.0], jnp.float32, turns).ok) is fine
 

@@ -108,7 +108,7 @@ STRAIGHTS = {
 }
 
 
-@pytest.mark.parametrize("n", [200, 1500, 6000])
+@pytest.mark.parametrize("n", [200, 1500, pytest.param(6000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("length", "speed", "acceleration", "jerk", "least"), STRAIGHTS.values(), ids=STRAIGHTS)
 def test_a_straight_is_driven_in_the_time_of_a_double_s(length, speed, acceleration, jerk, least, n):
     limits = SpeedLimits(speed=speed, acceleration=acceleration, deceleration=acceleration, jerk=jerk)

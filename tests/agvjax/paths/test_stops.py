@@ -179,6 +179,7 @@ def test_the_last_point_of_lines_has_no_speed():
     assert one.end() == other.end()
 
 
+@pytest.mark.slow
 def test_metrics_are_of_the_nearest_point_also_where_the_law_waits_elsewhere():
     """The sensor sits 5 cm ahead: the law stops 5 cm early, and the vehicle passes the stop when the law has waited."""
     route = Route.corners([[0, 0], [2, 0], [3, 0], [3, 3]], 0.6, radius=0.5, dwell=[0, 3.0, 0, 0], limits=LIMITS)

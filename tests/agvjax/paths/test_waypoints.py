@@ -144,6 +144,7 @@ def test_single_precision_keeps_the_time():
         np.testing.assert_allclose(getattr(found, name), getattr(exact, name), atol=most)
 
 
+@pytest.mark.slow
 def test_a_vehicle_follows_it():
     path = Waypoints.through(around(12, 1.0) + [-1.0, 0.0], 0.5, closed=True)
     scenario = agvjax.Scenario(path=path)

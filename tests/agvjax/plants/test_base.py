@@ -86,7 +86,7 @@ def test_a_base_that_is_sent_its_twist(drift):
     agrees(plant, vehicle, recorded())
 
 
-@pytest.mark.parametrize("behind", [False, True])
+@pytest.mark.parametrize("behind", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_steered_wheel_before_or_behind(behind):
     speed, steering = Motor(0.95, 0.9, 0.05, 0.04, delay=0.08), Motor(1.3, 1.2, 0.02, 0.01, delay=0.05)
     vehicle = Steered(motors=(speed, steering), stop=0.6, steering_rate=3.0, behind=behind, drift=0.01)

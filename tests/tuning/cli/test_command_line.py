@@ -455,6 +455,7 @@ SWEEP = ["simulate.horizon=1", "sweep.integrator=euler", "sweep.radius=false"]
 OVER = ["--over", f"{RIGHT}=0:1:3", "--over", "start.heading=0,0.2"]
 
 
+@pytest.mark.slow
 def test_a_sweep_is_written(tmp_path):
     out = tmp_path / "sweep"
     said, _ = run([*arguments("sweep", out, SWEEP), *OVER])

@@ -57,6 +57,7 @@ def test_commands_begin_without_slow_libraries():
     assert python(EACH_COMMAND).splitlines() == [f"{command} []" for command in COMMANDS]
 
 
+@pytest.mark.slow
 def test_a_vehicle_is_simulated_before_anything_is_imported_that_draws(tmp_path):
     said = python(FIRST_FIGURE.replace("sys.argv[1:]", repr(arguments("simulate", tmp_path / "out", FAST))))
     assert "[] 3" in said.splitlines()

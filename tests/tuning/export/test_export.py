@@ -466,6 +466,7 @@ STILL = {"position": [0.0, 0.0], "velocity": [0.0, 0.0], "heading": 0.0}
 SEEN, ASKED = STILL | {"yaw_rate": 0.0}, STILL | {"acceleration": [0.0, 0.0], "heading_rate": 0.0}
 
 
+@pytest.mark.slow
 def test_numpy_takes_other_gains_and_names_an_unknown_one(limited):
     ahead = ASKED | {"position": [0.1, 0]}
     weak, strong = (numpy_controller(limited, {"inner.k2": k}).step(SEEN, ahead)["acceleration"] for k in (1.0, 20.0))
@@ -718,8 +719,10 @@ def test_an_actuator_whose_name_c_cannot_have_is_refused(member):
 
 
 @needs_gcc
-@pytest.mark.parametrize("zeta", [3.0, 50.0])
-@pytest.mark.parametrize("precision", [[], ["-DLAW_FLOAT"]], ids=["double", "float"])
+@pytest.mark.parametrize("zeta", [3.0, pytest.param(50.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "precision", [[], pytest.param(["-DLAW_FLOAT"], marks=pytest.mark.slow)], ids=["double", "float"]
+)
 def test_a_filter_that_is_damped_well_passes_its_own_test(zeta, precision, tmp_path):
     inner = agvjax.NeuroBackstepping(zeta=zeta, omega_n=90.0)
     law = artefact.read(str(written(tmp_path, agvjax.Sampled(inner=inner, vehicle=agvjax.Unicycle()))))

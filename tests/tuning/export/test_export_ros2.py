@@ -85,7 +85,9 @@ def wave(scale=1.0):
     return [scale * np.stack([x, 0.5 * np.sin(1.5 * x)], 1) for x in (np.linspace(0, 6, n) for n in (121, 6001))]
 
 
-@pytest.mark.parametrize("kind", VEHICLES)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind != "torques")) for kind in VEHICLES]
+)
 def test_the_node_drives_a_robot_along_its_path_and_stops_at_the_end(start, kind):
     car = kind == "car"
     scale, L = (6.0, float(VEHICLES["car"][1].L)) if car else (1.0, 0.15)

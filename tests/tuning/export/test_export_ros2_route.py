@@ -16,6 +16,10 @@ from tuning.config.write import gains_table
 from tuning.export import artefact, ros2
 from tuning.export.ros2_node import vehicles
 
+pytestmark = (
+    pytest.mark.slow
+)  # the same law drives the same kinds of routes in test_export_route.py and test_export_nav2.py
+
 END = (3.6, -2.5)
 CONFIG = """
 [scenario]

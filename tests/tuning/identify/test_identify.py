@@ -284,6 +284,7 @@ def test_what_a_drive_does_not_excite_is_not_given_as_a_number(tmp_path):
     assert (draw.low, draw.high) == (0.5, 1.5)
 
 
+@pytest.mark.slow
 def test_the_prediction_is_that_of_the_simulator():
     """The model under the inputs that a closed loop logged leads where that loop went.
 

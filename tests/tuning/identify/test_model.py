@@ -71,6 +71,7 @@ def test_a_stretch_begins_with_its_motors_as_the_commands_before_it_made_them():
     assert np.linalg.norm(fast[-1, :2] - still[-1, :2]) > 0.01
 
 
+@pytest.mark.slow
 def test_the_slope_in_a_delay_is_that_of_small_differences_also_where_steps_begin():
     """At 0.1 s both delays and the steps' begins come together; the vehicle speeds up as fast as it can."""
     inputs = np.repeat([[0.0, 0.0], [0.7, 0.5], [-0.6, 0.3]], 20, axis=0)

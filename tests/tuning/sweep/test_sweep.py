@@ -382,6 +382,7 @@ def test_where_nothing_fails_the_radius_is_the_whole_box():
 # ---------------------------------------------------------------------------------------------- controllers in batches
 
 
+@pytest.mark.slow
 def test_a_batch_of_controllers_pairs_with_one_of_scenarios():
     gains, headings = np.array([10.0, 20.0, 30.0]), np.array([-0.3, 0.1, 0.6])
     laws = agvjax.batch(Proportional(), {"stiffness": gains})
@@ -405,6 +406,7 @@ def test_sensitivity_designs_stay_off_the_ends_of_a_distribution():
         assert np.all(np.abs(values) <= stats.norm.ppf(1 - 1e-3) + 1e-12) and len(set(values)) > 2
 
 
+@pytest.mark.slow
 def test_a_failure_beyond_the_ends_of_a_distribution_does_not_widen_the_box():
     config = config_of({"start.heading": Span(Distribution("norm", {"loc": 0.1, "scale": 0.1}))}, samples=4)
     plan = design(config)

@@ -187,6 +187,7 @@ def test_a_choice_is_resumed_to_the_same_bits(tmp_path, stop):
     assert begin(problem).promises is None
 
 
+@pytest.mark.slow
 def test_a_limit_is_kept_by_more_gains_too():
     outcome = solve(pose(shy(limits={"effort": Limit(mean=1.0, worst=1.0)}, iterations=30)))
     assert outcome.run.lead.best[0] == 0.0

@@ -40,6 +40,7 @@ def test_margins_of_a_double_integrator_are_those_of_the_formula(delay, slope):
         assert m.gain_margin == pytest.approx(1 / np.abs(L[turn]), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_an_unstable_loop_and_a_run_of_which_nothing_is_known_bear_nothing():
     m = found(Spring(k=4.0, c=-1.0), mass())
     assert (m.gain_margin, m.phase_margin, m.delay_margin, m.sensitivity) == (0, 0, 0, MOST)

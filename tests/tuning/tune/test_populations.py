@@ -106,7 +106,7 @@ def test_what_finds_nothing_better_leaves_the_lead_where_it_was(monkeypatch):
     seen = problem.screen.look()
     lead = run.searches[0]._replace(best=(0.0, 1e-3), iteration=5)  # no set comes near
     run = race._populations(run._replace(searches=(lead,), screened=seen), seen, problem.screen)
-    assert len(run.searches) == 1 + populations.POPULATIONS
+    assert len(run.searches) == 1 + 2
     while (after := race.advanced(problem, run)) is not None:
         run = after
     assert run.lead is lead
@@ -129,6 +129,15 @@ def test_places_are_the_best_and_others_within_the_square_of_the_spread(monkeypa
     np.testing.assert_array_equal(best, TIP)
     gaps = np.array(others) - MIDDLE
     assert np.abs(gaps).max() <= np.log(9.0) and len(np.unique(np.sign(gaps), axis=0)) > 1
+
+
+def test_what_goes_on_begins_at_the_best_and_at_the_best_set_that_is_twice_as_far_in_a_gain(monkeypatch):
+    problem, _ = posed(monkeypatch)
+    sets = TIP + np.array([[0.0, 0.0], [0.6, 0.5], [0.1, -0.8], [2.0, 2.0]])
+    seen = problem.screen.look()._replace(places=sets, ranks=np.column_stack([np.zeros(4), np.arange(4.0)]))
+    np.testing.assert_array_equal(populations.again(seen, TIP), [TIP, sets[2]])
+    (alone,) = populations.again(seen._replace(places=sets[:2], ranks=seen.ranks[:2]), TIP)
+    np.testing.assert_array_equal(alone, TIP)
 
 
 def test_the_screening_knows_the_ranks_that_the_tuner_has(monkeypatch):

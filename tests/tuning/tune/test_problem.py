@@ -219,6 +219,7 @@ def test_gains_that_do_the_same_are_named_alike():
     np.testing.assert_allclose(np.abs(found.weakest), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_more_command_buys_less_error(tmp_path):
     posed, factors = pose(problem(iterations=12)), [0.95, 1.0, 1.1]
 

@@ -67,16 +67,15 @@ def test_what_follows_a_race_goes_on_alone(later):
     assert going(searches, **later) == [False] * 9 + [True]
 
 
-def test_of_populations_the_better_half_goes_on_after_each_rung_and_one_to_the_end():
-    first, second = populations.RUNGS[:2]
+def test_of_two_populations_the_better_goes_on_to_the_end():
+    (rung,) = populations.RUNGS
     raced = [FIRST, *(search([goal] * RUNGS[0]) for goal in GOALS)]
-    four = GOALS[:4]  # .9, .3, .7, .5
-    assert going([*raced, *(population([goal]) for goal in four)]) == [False] * 9 + [True] * 4
-    waiting = [population([goal] * first) for goal in four]
-    assert going([*raced, *waiting]) == [False] * 9 + [False, True, False, True]
-    later = [population([goal] * (second if goal <= 0.5 else first)) for goal in four]
-    assert second < populations.PATIENCE and going([*raced, *later]) == [False] * 9 + [False, True, False, False]
-    assert going([*raced, *waiting, search([0.2])]) == [False] * 13 + [True]  # along slopes from the best of them
+    assert going([*raced, *(population([goal]) for goal in GOALS[:2])]) == [False] * 9 + [True, True]
+    waiting = [population([goal] * rung) for goal in GOALS[:2]]  # .9, .3
+    assert going([*raced, *waiting]) == [False] * 9 + [False, True]
+    later = [waiting[0], population([GOALS[1]] * (populations.PATIENCE - 1))]
+    assert going([*raced, *later]) == [False] * 9 + [False, True]
+    assert going([*raced, *waiting, search([0.2])]) == [False] * 11 + [True]  # along slopes from the better of them
 
 
 def test_a_population_ends_where_it_gained_little_for_a_while():

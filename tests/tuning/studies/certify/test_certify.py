@@ -165,6 +165,7 @@ def test_sides_along_which_a_deadzone_would_be_none_are_refused():
         assert fault.key.startswith("certify.over.deadzone.position.") and fault.value <= 0
 
 
+@pytest.mark.slow
 def test_the_command_says_of_which_loop_nothing_can_be_proved(tmp_path):
     _, said = run(["certify", "--out", str(tmp_path), "--set", 'controller="asmc"'], code=1)
     assert "Nothing can be proved of this loop: ASMC" in said

@@ -31,7 +31,9 @@ def found(law, scenario, timing, first=1.0, count=2):
     ]
 
 
-@pytest.mark.parametrize("delay, slope", [(0.0, 1.0), (0.0, 0.6), (0.1, 0.8), (0.0125, 0.8)])
+@pytest.mark.parametrize(
+    "delay, slope", [(0.0, 1.0), (0.0, 0.6), *(pytest.param(T, 0.8, marks=pytest.mark.slow) for T in (0.1, 0.0125))]
+)
 def test_in_continuous_time_margins_are_those_of_the_formula(delay, slope):
     """A step of the integrator holds its input: half a step more of delay."""
     dt = 5e-3

@@ -388,6 +388,7 @@ def test_the_interval_of_the_force_is_the_smallest():
     np.testing.assert_allclose([w.min(axis=0), w.max(axis=0)], [found[0][0], found[1][0]], atol=0.02)
 
 
+@pytest.mark.slow
 def test_with_linear_actuators_the_heading_bounds_are_what_happens(reports):
     r = reports[LINEAR]
     assert r.observed[1] > 0.01  # the slope of 0.7 that the law takes for 1
@@ -421,6 +422,7 @@ def quadratic(right, left, rate, delta, k3=12.0, Lam=9.0):
     return min(minimize(size, x, method="Nelder-Mead", options=options).fun for x in starts)
 
 
+@pytest.mark.slow
 def test_a_common_quadratic_function_bounds_the_heading_less_tightly(reports):
     best = quadratic((0.91, 0.66), (0.72, 0.53), np.abs(reference.heading(np.linspace(0, 12, 2001))[1]).max(), 0.2)
     assert reports[0].observed[1] < best < 0.3  # it is a bound, and a good one
@@ -453,6 +455,7 @@ class Compensated(NeuroBackstepping):
         return super().law(flow, memory, measurement, reference)
 
 
+@pytest.mark.slow
 def test_the_compensation_changes_no_command(batch, runs):
     ask = jax.vmap(lyapunov.compensation, in_axes=(None, batch.axes, 0))
     slopes, xi2 = ask(NeuroBackstepping(), batch.scenario, runs)

@@ -79,6 +79,7 @@ def test_beliefs_are_each_vehicles_own_and_so_much_too_large(base, name, factor)
                 assert float(mine[f"slope_{side}"]) == pytest.approx(float(true[f"slope_{side}"]))
 
 
+@pytest.mark.slow
 def test_the_nominal_belief_is_the_same_for_every_vehicle(base):
     inverses, _ = beliefs(base, "nominal")
     nominal = base.scenario.deadzone["left"]

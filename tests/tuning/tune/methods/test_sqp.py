@@ -71,7 +71,7 @@ def test_it_learns_what_is_curved():
     assert looks < 80
 
 
-@pytest.mark.parametrize("least", [False, True])
+@pytest.mark.parametrize("least", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("statistic", ["mean", "worst", "cvar"])
 def test_its_model_is_the_linear_programme_that_scipy_solves(statistic, least):
     random = np.random.default_rng(3)
