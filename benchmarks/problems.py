@@ -176,10 +176,12 @@ def measure(
     from tuning.io import files
 
     jax.config.update("jax_enable_x64", True)  # as in `attempts`: workers are set as this process is
-    names, folder = tuple(only or POSED), KEPT / f"{history.commit()}-{seeds}-{most}"
+    names, commit = tuple(only or POSED), history.commit()
+    folder = KEPT / f"{commit}-{seeds}-{most}"
     folder.mkdir(parents=True, exist_ok=True)
     jobs = Jobs("problem", lambda number: _apart(names[number], seeds, most), prepare, (names, seeds, most))
-    missing = [number for number, name in enumerate(names) if not (folder / f"{name}.json").exists()]
+    done = set() if commit.endswith("+") else {path.stem for path in folder.glob("*.json")}
+    missing = [number for number, name in enumerate(names) if name not in done]
     with schedule.opened(scheduler, print) as engine:
         for number, data in engine.each(jobs, missing):
             files.write(folder / f"{names[number]}.json", data)
