@@ -98,6 +98,7 @@ def test_the_law_of_the_page_is_that_of_the_notebooks(folder):
     assert bare((folder / "my_law.py").read_text()) == bare((ROOT / "notebooks" / "my_law.py").read_text())
 
 
+@pytest.mark.slow
 def test_a_metric_is_a_row_and_what_it_is_of_a_run(here, monkeypatch):
     name = "total_overshoot"
     monkeypatch.setattr(Metrics, name, None, raising=False)  # both are taken back afterwards

@@ -114,7 +114,7 @@ print(agvjax.tune_xla())
     ("environment", "first"),
     [
         ({"AGVJAX_XLA": ""}, "True False"),
-        ({"AGVJAX_XLA": "0"}, "False False"),
+        pytest.param({"AGVJAX_XLA": "0"}, "False False", marks=pytest.mark.slow),
         pytest.param({"JAX_PLATFORMS": "tpu"}, "False False", marks=pytest.mark.slow),
     ],
 )

@@ -32,6 +32,7 @@ def test_the_smooth_settling_time_of_a_decaying_error_is_the_true_one_and_so_is_
     np.testing.assert_allclose(slope, np.log(0.8 / 0.05), rtol=0.06)  # d/d tau of tau ln(e0 / band)
 
 
+@pytest.mark.slow
 def test_the_smooth_settling_time_sees_a_later_crossing_come_before_it_counts():
     t = jnp.arange(0, 12.0, 1e-3)
 

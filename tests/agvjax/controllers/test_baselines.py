@@ -235,6 +235,7 @@ def test_baseline_has_the_figures_that_are_stated(name):
         np.testing.assert_allclose(settling(lap(name)), times, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_last_instants_outside_the_band_of_the_unsettled_laws():
     np.testing.assert_allclose([settling(lap("DFC"))[1], settling(lap("FTSMC"))[1]], [11.86, 11.09], atol=6e-3)
 

@@ -167,6 +167,7 @@ def test_a_step_begins_where_the_raw_bearing_jumps():
     np.testing.assert_allclose(packed(run)[250:, :5], states[250:, :5], rtol=0, atol=1e-5)  # 6e-3 with a step across it
 
 
+@pytest.mark.slow
 def test_a_step_begins_where_a_disturbance_jumps_whatever_the_grid():
     jump = 0.50371
     sides = [f"deadzone.heading.{part}" for part in ("slope_right", "slope_left")]

@@ -35,5 +35,5 @@ def test_ctrl_c_lets_what_is_under_way_end_begins_nothing_else_and_says_so(capsy
 
     with pytest.raises(KeyboardInterrupt):
         in_pairs(job, range(8))
-    assert ended == [k for k in begun if k] and len(begun) <= 3
+    assert sorted(ended) == [k for k in sorted(begun) if k] and len(begun) <= 3  # two end at the same time
     assert "what is under way ends first" in capsys.readouterr().err

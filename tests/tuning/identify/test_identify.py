@@ -501,6 +501,7 @@ def test_bad_settings_are_named(good, refused, option, key):
     assert key in refused(good, options=["--set", option])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_predicted_is_refused_before_the_fit(good, tmp_path, refused):
     short, pose = written(tmp_path / "short.csv", good[:200]), tmp_path / "pose.csv"
     written(pose, np.delete(good, [4, 5], axis=1), [name for name in COLUMNS if name not in ("vx", "vy")])

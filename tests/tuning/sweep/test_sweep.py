@@ -445,6 +445,7 @@ SLOW_SIZES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("odd", "sound"), [(np.nan, 3), *SLOW_SIZES])
 def test_metrics_of_any_size_are_drawn(odd, sound, tmp_path):
     """Of two controllers: what is too large for a figure is left out of it, as runs that diverged are."""

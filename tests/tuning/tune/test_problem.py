@@ -202,6 +202,7 @@ def test_what_is_learned_agrees_with_differences():
         np.testing.assert_allclose([s.slopes[k] for s in standings], slope, rtol=2e-3, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_gains_that_do_the_same_are_named_alike():
     """A law in which two gains only enter as their product."""
 

@@ -605,6 +605,7 @@ def resumed(settings, until, folder):
     return wanted
 
 
+@pytest.mark.slow
 def test_the_sequential_tuner_keeps_its_limits_and_resumes(small, solved, tmp_path):
     settings = {"optimizer": "sqp", "iterations": 45, "compiled": small.push}
     wanted = resumed(settings, 4, tmp_path)
