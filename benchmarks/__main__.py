@@ -77,11 +77,10 @@ def main() -> None:
     PARTS.update({name: lambda turns, m=m: m(given.days, given.hours) for name, m in DRIFTING.items()})
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    notes = {"problems": f"Ours from seeds 0 to {given.seeds - 1}; CMA-ES with {given.most} rollouts."}
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
         rows = PARTS[name](given.turns)
-        kept = {"part": name, "machine": machine(), "rows": rows} | ({"note": notes[name]} if name in notes else {})
+        kept = {"part": name, "machine": machine(), "rows": rows}
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))
         print(table(kept))
