@@ -23,12 +23,14 @@ class Standing(NamedTuple):
     value: float  # in the metric's unit
     level: float  # of a goal relative to the start, of a limit relative to its bound
     slopes: np.ndarray  # (K,), relative change of the value per relative change of a gain
-    price: float  # of a limit: by how much the goal falls if it is relaxed by 1 %, in multiples of itself
+    price: (
+        float | None
+    )  # of a limit: by how much the goal falls if relaxed by 1 %, in multiples of itself; None: unknown
 
     @property
     def limit(self) -> bool:
         """Whether it is a limit."""
-        return not np.isnan(self.price)
+        return self.price is None or not np.isnan(self.price)
 
     @property
     def active(self) -> bool:
@@ -72,14 +74,20 @@ def _chosen(slopes: Any, moving: np.ndarray | None) -> np.ndarray:
 
 
 def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
-    """Of every requirement: its level, its slope in every gain, and of a limit its price."""
+    """Of every requirement: its level, its slope in every gain, and of a limit its price.
+
+    No price is known where the linear problem is not solved: slopes of runs that chatter may be 1e10.
+    """
     objective, reference = tuner.objective, tuner.baseline
     levels, relative = relative_slopes(tuner, model, scale)
-    solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
     goal = float(np.dot([g.value for g in objective.goals], levels[: len(objective.goals)]))
     limits = levels[len(objective.goals) :]  # one that is not met has no price: the goal does not pay for it
-    paid = np.where(limits <= 1 + NEAR, 0.01 * solution.prices / goal, 0.0)
-    prices = [np.nan] * len(objective.goals) + paid.tolist()
+    try:
+        solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
+        paid = np.where(limits <= 1 + NEAR, 0.01 * solution.prices / goal, 0.0).tolist()
+    except RuntimeError:
+        paid = [None] * len(limits)
+    prices = [np.nan] * len(objective.goals) + paid
     units = objective.units(reference)
     return [
         Standing(r, float(r.told(level, unit)), float(level), slope, price)
@@ -117,14 +125,17 @@ def conflict(tuner: Tuner, z: Any, moving: np.ndarray | None = None) -> list[tup
     """Limits that the gains that are `moving` (K,), or all, cannot keep together.
 
     Each with its level and its share in what holds the excess up. Where no change of the gains lowers the sum of
-    excesses, the slopes of these limits cancel: what lowers one raises another. Elsewhere there is nothing to show and
-    the list is empty.
+    excesses, the slopes of these limits cancel: what lowers one raises another. Elsewhere, and where the linear problem
+    is not solved, there is nothing to show and the list is empty.
     """
     values, ok, slopes = tuner.push(z, tuner.scenarios())
     model = (values, ok, np.asarray(slopes)[_chosen(slopes, moving)])
     objective = tuner.objective._replace(goals=tuple(g._replace(value=0.0) for g in tuner.objective.goals), penalty=1.0)
     levels = np.asarray(tuner.weigh(values, ok, slopes)[0].levels)[len(objective.goals) :]
-    solution = sqp.solve(model, objective, tuner.baseline, radius=0.01)
+    try:
+        solution = sqp.solve(model, objective, tuner.baseline, radius=0.01)
+    except RuntimeError:
+        return []  # by slopes that tell nothing
     if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
         return []  # it could still be lowered: no conflict is shown
     prices = solution.prices

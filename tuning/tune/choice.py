@@ -20,6 +20,8 @@ PAYS = sqp.LEAST  # share of the cost that a number must promise: as much as a s
 def promises(tuner: Tuner, p: Progress, moving: np.ndarray) -> np.ndarray:
     """By which share of the cost (K,) each gain that is not `moving` (K,) would lower it; 0 for those that are.
 
+    Also 0 where the linear problem is not solved: slopes of runs that chatter promise nothing.
+
     Args:
         tuner: the problem.
         p: the search that found the gains to look at, of a method that keeps a penalty.
@@ -32,8 +34,12 @@ def promises(tuner: Tuner, p: Progress, moving: np.ndarray) -> np.ndarray:
         model = (values, ok, np.where(free[:, None, None], slopes, 0.0))
         return sqp.solve(model, objective, tuner.baseline, sqp.LARGEST).cost
 
-    alone, together, found = reached(moving), reached(np.ones_like(moving)), np.zeros(len(moving))
-    for k in np.flatnonzero(~moving):
-        this = np.arange(len(moving)) == k
-        found[k] = max(0.0, alone - reached(moving | this), reached(~this) - together) / abs(alone)
+    found = np.zeros(len(moving))
+    try:
+        alone, together = reached(moving), reached(np.ones_like(moving))
+        for k in np.flatnonzero(~moving):
+            this = np.arange(len(moving)) == k
+            found[k] = max(0.0, alone - reached(moving | this), reached(~this) - together) / abs(alone)
+    except RuntimeError:
+        return np.zeros(len(moving))
     return found

@@ -141,8 +141,8 @@ ensemble" includes scenarios that earlier rounds added. Searched at steps of {se
 
 Level: for a goal its value / that with the starting gains, for a limit value / bound, for a lower limit
 2 - value / bound; a limit is met at a level of 1 or less. Shadow price: by how much the goal would fall if this limit
-alone were relaxed by 1 %. Below each gain: its sensitivity, the relative change of the requirement per relative change
-of the gain, at the tuned gains.
+alone were relaxed by 1 %; not known where the slopes of runs that chatter leave its linear problem unsolved. Below each
+gain: its sensitivity, the relative change of the requirement per relative change of the gain, at the tuned gains.
 
 {picture("sensitivity.png", SENSITIVITY)}
 

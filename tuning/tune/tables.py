@@ -123,7 +123,7 @@ def standings(findings: Findings, units: Mapping[str, str] = PLAIN) -> str:
     for s in findings.standings:
         kind = "goal" if not s.limit else "lower limit" if s.requirement.least else "limit"
         state = "" if not s.limit else "**not met**" if not s.met else "active" if s.active else "met"
-        price = f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
+        price = "not known" if s.price is None else f"{s.price:.2%}" if s.limit and s.price > 1e-6 else ""
         value = f"{s.value:.5g} {units[s.requirement.metric]}"
         slopes = [figures.signed(x) for x in s.slopes]
         rows.append([s.requirement.name, kind, value, f"{s.level:.4f}", state, price, *slopes])

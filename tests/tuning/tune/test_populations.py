@@ -1,13 +1,18 @@
 """Populations where slopes are of no use: they find a valley, are paid for as counted, and resume to the same end."""
 
+import dataclasses
+from collections import defaultdict
+
 import numpy as np
 import pytest
 
 from agvjax import NeuroBackstepping, Scenario, Timing
 from tuning import Between, Config, Ensemble, Objective, Requirement, Tune, Tuner, sample, within
-from tuning.tune import populations, race, rounds
+from tuning.tune import populations, race, rounds, tables
+from tuning.tune.analysis import analyse, conflict
 from tuning.tune.checkpoint import load, save
 from tuning.tune.gains import Gains
+from tuning.tune.methods import sqp
 from tuning.tune.problem import TuningProblem
 from tuning.tune.rounds import begin, solve
 from tuning.tune.screen import LANES, Screen
@@ -147,6 +152,22 @@ def test_the_screening_knows_the_ranks_that_the_tuner_has(monkeypatch):
     # effort e^k1 over the start's less 1, in mean and worst, beyond 5e-4; error e^-k1 over the start's
     np.testing.assert_allclose(excess, [0.0, 2 * (np.exp(0.1) - 1 - 5e-4), 0.0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(goal, np.exp([0.0, -0.1, 0.3]))
+
+
+def test_slopes_of_a_chattering_run_lose_no_tuned_gains(monkeypatch):
+    """They are no slopes, the linear problem has no solution, and what hangs on it is said not to be known."""
+    problem, _ = posed(monkeypatch, steep)
+    tuner, wild = problem.tuner, np.random.default_rng(0).normal(size=(2, 2, SCENARIOS)) * 1e30
+    push = (*steep(np.asarray(MIDDLE), np.zeros(SCENARIOS)), wild)
+    tuner = dataclasses.replace(tuner, compiled=lambda z, scenarios: push)
+    with pytest.raises(RuntimeError, match="could not be solved"):
+        sqp.solve(push, OBJECTIVE, tuner.baseline, radius=0.01)
+    findings = analyse(tuner, MIDDLE)
+    assert [s.price for s in findings.standings if s.limit] == [None] * 2
+    assert (
+        all(s.met for s in findings.standings) and tables.standings(findings, defaultdict(str)).count("not known") == 2
+    )
+    assert conflict(tuner, MIDDLE) == []
 
 
 HOLE, RADIUS = MIDDLE + np.array([1.6, -1.2]), 0.4
