@@ -64,15 +64,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
-    parser.add_argument("--seeds", type=int, default=1, help="of our searches on a problem")
-    parser.add_argument("--most", type=int, default=problems.MOST, help="rollouts of CMA-ES on a problem")
+    parser.add_argument("--seeds", type=_count, default=1, help="of our searches on a problem")
+    parser.add_argument("--most", type=_count, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
     parser.add_argument("--days", type=int, default=days.DAYS, help="that a robot drifts, of days and wheels")
     parser.add_argument("--samples", type=int, default=inside.SAMPLES, help="runs inside what is proved")
     parser.add_argument("--hours", type=float, default=float("inf"), help="after which days, wheels and inside end")
     given = parser.parse_args()
-    PARTS["problems"] = lambda turns: problems.measure(given.seeds, given.most, given.only or (), given.scheduler)
+    PARTS["problems"] = lambda turns: _beside_others(
+        problems.measure(given.seeds, given.most, given.only or (), given.scheduler),
+        f"{given.seeds} seeds, {given.most} rollouts of CMA-ES",
+    )
     PARTS["inside"] = lambda turns: _alone(certify.measure_inside, given.samples, given.hours)
     PARTS.update({name: lambda turns, m=m: m(given.days, given.hours) for name, m in DRIFTING.items()})
     if unknown := set(given.parts) - set(PARTS):
@@ -89,6 +92,21 @@ def main() -> None:
     for name, draw in (("rollout", figure.draw), ("tuning", figure.draw_tuning)):
         if (RESULTS / f"{name}.json").exists():
             draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
+
+
+def _count(text: str) -> int:
+    if (number := int(text)) < 1:
+        raise argparse.ArgumentTypeError(f"{number} is less than 1")
+    return number
+
+
+def _beside_others(rows: list[dict[str, Any]], how: str) -> list[dict[str, Any]]:
+    """Rows of problems, with what they were measured with, and those of the file for problems that were not asked."""
+    facts, path = machine(), RESULTS / "problems.json"
+    measured = {"measured": f"{facts['date']}, {history.commit()}, {facts['processor']}: {how}"}
+    found = {row["problem"]: row for row in json.loads(path.read_text())["rows"]} if path.exists() else {}
+    found |= {row["problem"]: row | measured for row in rows}
+    return [found[name] for name in problems.POSED if name in found]
 
 
 def _alone(function: Callable[..., Any], *given: object) -> Any:

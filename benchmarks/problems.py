@@ -16,7 +16,6 @@ the same commit goes on.
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import json
 import multiprocessing
 import statistics
@@ -32,7 +31,6 @@ from .tuning import TPE_BUDGET, Recorder, Spent, search
 
 FOLDER = Path(__file__).with_name("problems")
 KEPT = Path(__file__).parents[1] / "build" / "problems"
-RESULTS = Path(__file__).with_name("results") / "problems.json"
 POSED: dict[str, tuple[str, ...]] = {  # presets and files of classes that each is given besides
     "agv": (),
     "pid-unicycle": ("unicycle", "pid.py"),
@@ -169,7 +167,6 @@ def measure(
 ) -> list[dict[str, Any]]:
     """By problem the best of each method, ours relative to the best of anybody's, price and verdict.
 
-    Of problems that are not asked for the rows are those of the file of results, with what they are of.
     Problem after problem, each in a process of its own; or by workers, `scheduler` as of `agvjax sweep`.
     """
     import jax
@@ -189,10 +186,7 @@ def measure(
         for number, data in engine.each(jobs, missing):
             files.write(folder / f"{names[number]}.json", data)
             print(compared(names[number], json.loads(data)), flush=True)
-    measured = {"measured": f"{datetime.date.today().isoformat()}, {commit}: {seeds} seeds, {most} rollouts of CMA-ES"}
-    rows = {row["problem"]: row for row in json.loads(files.text(RESULTS))["rows"]} if RESULTS.exists() else {}
-    rows |= {name: compared(name, json.loads(files.text(folder / f"{name}.json"))) | measured for name in names}
-    return [rows[name] for name in POSED if name in rows]
+    return [compared(name, json.loads(files.text(folder / f"{name}.json"))) for name in names]
 
 
 def prepare(about: tuple[tuple[str, ...], int, int]) -> Callable[[int], bytes]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .methods import sqp
 from .methods.objective import TOLERANCE, Requirement
+from .methods.quadratic import Unsolved
 from .tuner import Tuner
 
 NEAR = 2e-3  # a limit this close to its bound is active
@@ -23,9 +24,7 @@ class Standing(NamedTuple):
     value: float  # in the metric's unit
     level: float  # of a goal relative to the start, of a limit relative to its bound
     slopes: np.ndarray  # (K,), relative change of the value per relative change of a gain
-    price: (
-        float | None
-    )  # of a limit: by how much the goal falls if relaxed by 1 %, in multiples of itself; None: unknown
+    price: float | None  # of a limit: share of the goal by which it falls if that is relaxed by 1 %; None: not known
 
     @property
     def limit(self) -> bool:
@@ -76,7 +75,7 @@ def _chosen(slopes: Any, moving: np.ndarray | None) -> np.ndarray:
 def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) -> list[Standing]:
     """Of every requirement: its level, its slope in every gain, and of a limit its price.
 
-    No price is known where the linear problem is not solved: slopes of runs that chatter may be 1e10.
+    No price is known where the linear problem is not solved.
     """
     objective, reference = tuner.objective, tuner.baseline
     levels, relative = relative_slopes(tuner, model, scale)
@@ -85,7 +84,7 @@ def standings(tuner: Tuner, model: tuple[np.ndarray, ...], scale: np.ndarray) ->
     try:
         solution = sqp.solve(model, objective._replace(penalty=sqp.DEAREST), reference, radius=0.01)
         paid = np.where(limits <= 1 + NEAR, 0.01 * solution.prices / goal, 0.0).tolist()
-    except RuntimeError:
+    except Unsolved:
         paid = [None] * len(limits)
     prices = [np.nan] * len(objective.goals) + paid
     units = objective.units(reference)
@@ -134,7 +133,7 @@ def conflict(tuner: Tuner, z: Any, moving: np.ndarray | None = None) -> list[tup
     levels = np.asarray(tuner.weigh(values, ok, slopes)[0].levels)[len(objective.goals) :]
     try:
         solution = sqp.solve(model, objective, tuner.baseline, radius=0.01)
-    except RuntimeError:
+    except Unsolved:
         return []  # by slopes that tell nothing
     if solution.cost < 0.999 * np.maximum(levels - 1, 0).sum():
         return []  # it could still be lowered: no conflict is shown

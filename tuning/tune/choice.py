@@ -12,6 +12,7 @@ import numpy as np
 
 from .methods import sqp
 from .methods.method import Progress
+from .methods.quadratic import Unsolved
 from .tuner import Tuner
 
 PAYS = sqp.LEAST  # share of the cost that a number must promise: as much as a step of the search
@@ -40,6 +41,6 @@ def promises(tuner: Tuner, p: Progress, moving: np.ndarray) -> np.ndarray:
         for k in np.flatnonzero(~moving):
             this = np.arange(len(moving)) == k
             found[k] = max(0.0, alone - reached(moving | this), reached(~this) - together) / abs(alone)
-    except RuntimeError:
+    except Unsolved:
         return np.zeros(len(moving))
     return found

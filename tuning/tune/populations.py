@@ -32,7 +32,6 @@ POPULATIONS, WIDE, CLOSING = 4, 64, 6  # that look further, sets in each, and ge
 REACH = 2  # of their places and sets, as a power of `tune.spread`: 9 times, either way
 SIZE, MOST = 16, 48  # sets in a population that goes on, and generations
 RUNGS = (6,)  # generations after which the better half of the populations goes on
-AMONG = 8  # sets that lie apart, one of which is away from the best
 PATIENCE, LITTLE = 20, 0.01  # generations in which a population must gain so much, as a share of its goal
 
 
@@ -72,8 +71,8 @@ def further(screen: Screen, seen: Screened, moving: np.ndarray, tick: Callable[[
 
 def again(seen: Screened, best: np.ndarray) -> list[np.ndarray]:
     """Where populations begin that go on (K,): the best so far, and the best set seen that lies apart from it."""
-    away = [z for z in seen.apart(AMONG) if np.abs(z - best).max() > APART]
-    return [best, *away[:1]]
+    away = (np.abs(seen.places - best).max(axis=1) > APART) & np.isfinite(seen.ranks[:, 1])
+    return [best, *seen.places[away][:1]]
 
 
 def state(begin: np.ndarray) -> Drawn:

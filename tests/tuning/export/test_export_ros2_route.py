@@ -16,9 +16,8 @@ from tuning.config.write import gains_table
 from tuning.export import artefact, ros2
 from tuning.export.ros2_node import vehicles
 
-pytestmark = (
-    pytest.mark.slow
-)  # the same law drives the same kinds of routes in test_export_route.py and test_export_nav2.py
+# The node is that of test_export_ros2.py, and the law drives such routes in test_export_route.py.
+pytestmark = pytest.mark.slow
 
 END = (3.6, -2.5)
 CONFIG = """

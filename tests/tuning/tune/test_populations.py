@@ -8,7 +8,7 @@ import pytest
 
 from agvjax import NeuroBackstepping, Scenario, Timing
 from tuning import Between, Config, Ensemble, Objective, Requirement, Tune, Tuner, sample, within
-from tuning.tune import populations, race, rounds, tables
+from tuning.tune import choice, populations, race, rounds, tables
 from tuning.tune.analysis import analyse, conflict
 from tuning.tune.checkpoint import load, save
 from tuning.tune.gains import Gains
@@ -164,10 +164,11 @@ def test_slopes_of_a_chattering_run_lose_no_tuned_gains(monkeypatch):
         sqp.solve(push, OBJECTIVE, tuner.baseline, radius=0.01)
     findings = analyse(tuner, MIDDLE)
     assert [s.price for s in findings.standings if s.limit] == [None] * 2
-    assert (
-        all(s.met for s in findings.standings) and tables.standings(findings, defaultdict(str)).count("not known") == 2
-    )
+    assert all(s.met for s in findings.standings)
+    assert tables.standings(findings, defaultdict(str)).count("not known") == 2
     assert conflict(tuner, MIDDLE) == []
+    one = np.array([True, False])
+    assert not choice.promises(tuner, tuner.begin(MIDDLE, one), one).any()
 
 
 HOLE, RADIUS = MIDDLE + np.array([1.6, -1.2]), 0.4

@@ -34,10 +34,18 @@ class Columns(NamedTuple):
         return len(self.data)
 
 
+class Unsolved(RuntimeError):
+    """A problem that the solver gave up: slopes of runs that chatter may be 1e10."""
+
+
 def quadratic(
     hessian: np.ndarray, cost: np.ndarray, matrix: np.ndarray, room: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Unknowns, duals and value of: minimise x' hessian x / 2 + cost' x subject to matrix x <= room."""
+    """Unknowns, duals and value of: minimise x' hessian x / 2 + cost' x subject to matrix x <= room.
+
+    Raises:
+        Unsolved: no solution was found.
+    """
     solver: Any = clarabel  # its stubs lack these names
     settings = solver.DefaultSettings()
     settings.verbose = False
@@ -46,5 +54,5 @@ def quadratic(
     upper, rows = Columns.of(np.triu(hessian)), Columns.of(matrix)
     found = solver.DefaultSolver(upper, cost, rows, room, cones, settings).solve()
     if str(found.status) not in ("Solved", "AlmostSolved"):
-        raise RuntimeError(f"the linearised tuning problem could not be solved: {found.status}")
+        raise Unsolved(f"the linearised tuning problem could not be solved: {found.status}")
     return np.array(found.x), np.array(found.z), float(found.obj_val)

@@ -20,7 +20,7 @@ from agvjax import Fault
 from ...config.settings import Config
 from .method import Look, Method, Model, Progress, Scenarios
 from .objective import Objective
-from .quadratic import quadratic
+from .quadratic import Unsolved, quadratic
 
 if TYPE_CHECKING:
     from ..tuner import Tuner
@@ -177,9 +177,9 @@ def _look(state: State, radius: float, objective: Objective, reference: Any) -> 
     model = (state.values, state.ok, state.slopes)
     try:
         found = solve(model, objective._replace(penalty=float(state.penalty)), reference, radius, state.hessian)
-    except RuntimeError:
-        if radius < SMALLEST:
-            raise
+    except Unsolved:
+        if radius < SMALLEST:  # by slopes that tell nothing: the search ends where it stands
+            return state.center, state._replace(radius=np.array(0.0))
         return _look(state, SHRINK * radius, objective, reference)
     cost = float(state.goal + state.penalty * state.over)
     promised = cost - found.cost

@@ -138,6 +138,13 @@ def test_a_useless_look_is_stepped_back_from():
     assert not sqp.usable((None, None, np.array([[[1e9]]])), np.ones(1))
 
 
+def test_slopes_that_leave_no_problem_to_solve_end_the_search_at_its_best_point():
+    wild = np.random.default_rng(0).normal(size=(2, 2, 16)) * 1e30
+    state, looks = descend(lambda z: (np.ones((2, 16)), wild), (0.3, -0.2), Objective(MEAN, EFFORT))
+    assert looks == 1 and state.converged
+    np.testing.assert_array_equal(state.center, [0.3, -0.2])
+
+
 def test_a_penalty_that_is_too_small_is_raised_until_the_limit_is_kept():
     # at the limit the goal falls by 40 per unit: more than ten times what the penalty asks at first
     def model(z):
