@@ -64,8 +64,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"default: all of {', '.join(PARTS)}")
     parser.add_argument("--turns", type=int, default=9, help="runs of each contestant")
-    parser.add_argument("--seeds", type=_count, default=1, help="of our searches on a problem")
-    parser.add_argument("--most", type=_count, default=problems.MOST, help="rollouts of CMA-ES on a problem")
+    parser.add_argument("--seeds", type=count, default=1, help="of our searches on a problem")
+    parser.add_argument("--most", type=count, default=problems.MOST, help="rollouts of CMA-ES on a problem")
     parser.add_argument("--only", nargs="+", choices=list(problems.POSED), metavar="PROBLEM", help="default: all")
     parser.add_argument("--scheduler", metavar="WHERE", help="workers that share the problems, as of `agvjax sweep`")
     parser.add_argument("--days", type=int, default=days.DAYS, help="that a robot drifts, of days and wheels")
@@ -94,7 +94,8 @@ def main() -> None:
             draw(json.loads((RESULTS / f"{name}.json").read_text()), RESULTS / f"{name}.png")
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """A number of at least 1, as an option."""
     if (number := int(text)) < 1:
         raise argparse.ArgumentTypeError(f"{number} is less than 1")
     return number

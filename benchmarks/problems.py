@@ -169,6 +169,10 @@ def measure(
 
     Problem after problem, each in a process of its own; or by workers, `scheduler` as of `agvjax sweep`.
     """
+    import agvjax
+
+    if scheduler is not None:  # workers get the compiler's options of this process, others set their own
+        agvjax.tune_xla(devices=1)
     import jax
 
     from tuning.compute import schedule
