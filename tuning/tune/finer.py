@@ -76,16 +76,30 @@ def seen_and_unseen(problem: TuningProblem) -> tuple[agvjax.Batch, agvjax.Batch]
 
 def before_and_after(problem: TuningProblem, controller: agvjax.Law) -> tuple[agvjax.Metrics, agvjax.Metrics]:
     """Metrics of `seen_and_unseen` with the starting gains and with a controller."""
-    both, _ = seen_and_unseen(problem)
-    laws = (problem.config.controller, controller)
-    before, after = (judged(problem.config, law, both, problem.judgement) for law in laws)
-    return before, after
+    return judged_with(problem, problem.config.controller), judged_with(problem, controller)
+
+
+def judged_with(problem: TuningProblem, controller: agvjax.Law) -> agvjax.Metrics:
+    """Metrics of `seen_and_unseen` with a controller."""
+    return judged(problem.config, controller, seen_and_unseen(problem)[0], problem.judgement)
 
 
 def baseline_of(problem: TuningProblem, before: agvjax.Metrics) -> np.ndarray:
     """The statistics (3, M) that limits are multiples of: of the starting gains, or the budget that was set."""
     objective, budget = problem.tuner.objective, problem.tuner.budget
     return objective.baseline_of(before) if budget is None else budget
+
+
+def levels(problem: TuningProblem, metrics: tuple[agvjax.Metrics, agvjax.Metrics]) -> np.ndarray:
+    """Of the limits (L,) at the finer step on the scenarios tuned on, as of `Objective.levels`: 1 at the bound.
+
+    None (0,) where every run of the start diverges, of which limits are multiples.
+    """
+    objective, seen = problem.tuner.objective, slice(None, problem.tuner.batch.size)
+    before, after = (jax.tree.map(lambda x: x[seen], m) for m in metrics)
+    if not objective.limits or not np.asarray(before.ok).any():
+        return np.zeros(0)
+    return np.asarray(objective.levels_of(after, baseline_of(problem, before))[len(objective.goals) :])
 
 
 def tighter(
@@ -98,11 +112,7 @@ def tighter(
         metrics: as of `before_and_after`, with gains that meet the limits at the step of tuning.
         factors: what bounds were multiplied by in the search for them; None for 1.
     """
-    objective, seen = problem.tuner.objective, slice(None, problem.tuner.batch.size)
-    before, after = (jax.tree.map(lambda x: x[seen], m) for m in metrics)
-    if not objective.limits or not np.asarray(before.ok).any():
-        return None
-    over = objective.levels_of(after, baseline_of(problem, before))[len(objective.goals) :]
+    over, objective = levels(problem, metrics), problem.tuner.objective
     if not np.any(over > 1 + TOLERANCE):
         return None
     old = np.ones(over.size) if factors is None else factors

@@ -1,5 +1,8 @@
 """Where the first search came to little: searches from other places, of which the better go on, then populations.
 
+Where it came far and yet ended where slopes promise more than any step kept, as they do of a law that chatters and
+where grip breaks away: a population and slopes by turns, each from where the other ended.
+
 All is told from the run alone, so that one that is resumed goes the same way.
 """
 
@@ -12,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import populations
+from .methods import sqp
 from .problem import TuningProblem
 from .screen import Screen, Screened
 from .tuner import Progress
@@ -22,6 +26,10 @@ if TYPE_CHECKING:
 PLACES, FEWER = 16, 6  # far apart are tried, of a later round's look; and of a further look, which has tried many
 RUNGS = (3, 6, 10, 15)  # iterations after which the better half of these goes on, and two to the end
 LITTLE = 0.1  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
+STEADY = 0.005  # share of the cost that slopes may still promise, see `sqp.promise`, where a search has ended
+SLIGHT, IDLE = 0.005, 2  # share of the goal: so many turns in a row that gain no more are the last
+DEAREST = 3000  # rollouts after which no turn begins
+ASIDE = 0.1  # in the coordinates: how far a population begins from the best, so that no two draw the same sets
 
 
 def advanced(problem: TuningProblem, run: Run) -> Run | None:
@@ -48,13 +56,21 @@ def _going(problem: TuningProblem, run: Run) -> list[bool]:
     What begins after these, with further gains let go or tighter bounds, goes on alone.
     """
     on = [not (populations.finished(p) if populations.drawn(p) else problem.tuner.finished(p)) for p in run.searches]
-    rows = [i for i, p in enumerate(run.searches) if populations.drawn(p)]
-    if run.turns or run.tightened is not None or (rows and not populations.drawn(run.searches[-1])):
+    rows = _last_drawn(run)
+    if run.turns or run.tightened is not None or (not rows and any(populations.drawn(p) for p in run.searches)):
         return [*([False] * (len(on) - 1)), on[-1]]
     if rows:
         on = [g and i in rows for i, g in enumerate(on)]
         return _better(run, on, rows, populations.RUNGS, 1)
     return _better(run, on, list(_raced(problem, run)), RUNGS, 2)
+
+
+def _last_drawn(run: Run) -> list[int]:
+    """The populations that were begun last; none where slopes followed."""
+    count = len(run.searches)
+    while count and populations.drawn(run.searches[count - 1]):
+        count -= 1
+    return list(range(count, len(run.searches)))
 
 
 def _better(run: Run, on: list[bool], racing: list[int], rungs: tuple[int, ...], fewest: int) -> list[bool]:
@@ -77,9 +93,14 @@ def _raced(problem: TuningProblem, run: Run) -> range:
 
 
 def hard(problem: TuningProblem, run: Run) -> bool:
-    """Whether the first searches gained little, or others had to follow."""
+    """Whether the first searches gained little, ended where slopes promise more, or others had to follow."""
     first = run.searches[: problem.config.tune.starts]
-    return len(run.searches) > len(first) or _gained(run.lead) < LITTLE
+    return len(run.searches) > len(first) or _gained(run.lead) < LITTLE or _promises(problem, run.lead)
+
+
+def _promises(problem: TuningProblem, lead: Progress) -> bool:
+    """Whether a search has ended where its slopes promise more than any step kept."""
+    return sqp.promise(lead.optimiser, problem.tuner.objective, problem.tuner.baseline) > STEADY
 
 
 def _gained(lead: Progress) -> float:
@@ -91,13 +112,16 @@ def _gained(lead: Progress) -> float:
 def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], None]) -> Run | None:
     """The run with searches from places of a further look, then with populations, then along slopes again.
 
-    None where no other is worth it. After the first round the places are those of another look, about the gains that
-    the round began with, and no population is drawn.
+    None where no other is worth it. Where the first searches came far, see `_by_turns`. After the first round the
+    places are those of another look, about the gains that the round began with, and no population is drawn.
     """
     seen, searches = run.screened, run.searches
     if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
+    first = searches[: problem.config.tune.starts]
+    if not run.round and _gained(min(first, key=lambda p: p.best)) >= LITTLE:
+        return _by_turns(run, screen, len(first))
     looked_further = seen.looked > 1 + screen.tuner.settings.screen
     if not run.round and (populations.drawn(searches[-1]) or looked_further):
         return _populations(run, seen, screen)
@@ -125,3 +149,23 @@ def _populations(run: Run, seen: Screened, screen: Screen) -> Run | None:
     else:
         return None
     return run._replace(searches=(*run.searches, *further))
+
+
+def _by_turns(run: Run, screen: Screen, first: int) -> Run | None:
+    """The run with a population from near the best so far, or with slopes from the best of the last population.
+
+    None after turns that gained little, and where enough was spent.
+    """
+    searches, tuner = run.searches, screen.tuner
+    if populations.drawn(searches[-1]):
+        return run._replace(searches=(*searches, tuner.begin(searches[-1].best_z, run.moving)))
+    turns = (len(searches) - first) // 2
+    if turns >= IDLE:
+        before, now = min(p.best for p in searches[: -2 * IDLE]), run.lead.best
+        if before[0] == now[0] and now[1] > (1 - SLIGHT) * before[1]:
+            return None
+    if run.total("rollouts") > DEAREST:
+        return None
+    begin = np.array(run.lead.best_z)
+    begin[run.moving] += ASIDE * np.random.default_rng([screen.seed, turns]).standard_normal(int(run.moving.sum()))
+    return run._replace(searches=(*searches, populations.begin(tuner, begin, run.moving)))

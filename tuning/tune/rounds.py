@@ -12,7 +12,7 @@ import agvjax
 from ..ensemble.worst import Found
 from . import populations
 from .choice import PAYS, promises
-from .finer import TURNS, before_and_after, tightened, tighter
+from .finer import TURNS, before_and_after, judged_with, tightened, tighter
 from .problem import TuningProblem, in_units_of, starts, with_added
 from .race import advanced, elsewhere, hard
 from .screen import Screened
@@ -175,13 +175,28 @@ def _held(
         factors = tighter(problem, metrics, run.factors) if run.lead.best[0] == 0 and len(turns) < TURNS else None
         if factors is None:
             return run, metrics
-        old = (p._replace(best=(np.inf, np.inf)) for p in run.searches)  # by bounds that count no more
+        holding = _holding(problem, run, metrics[0])
+        none = (np.inf, np.inf)  # by bounds that count no more
+        old = (p if p is holding else p._replace(best=none) for p in run.searches)
         begin = (
             populations.begin if populations.drawn(run.lead) else Tuner.begin
         )  # what found them, where slopes led no further
         begun = begin(tight.tuner, run.lead.best_z, run.moving)
         rows = factors[None] if run.tightened is None else np.vstack([turns, factors])
         run = run._replace(searches=(*old, begun), tightened=rows)
+
+
+def _holding(problem: TuningProblem, run: Run, before: Any) -> Progress | None:
+    """The best of the other searches of which the limits hold at the finer step, where `before` is the start's metrics.
+
+    Where errors of the step differ from gains to gains, it may be better than what tightened bounds lead to.
+    """
+    for p in sorted(run.searches, key=lambda p: p.best):
+        if p is not run.lead and p.history and p.best[0] == 0 and np.isfinite(p.best[1]):
+            after = judged_with(problem, problem.tuner.best(p))
+            if tighter(problem, (before, after), None) is None:
+                return p
+    return None
 
 
 def _searched(

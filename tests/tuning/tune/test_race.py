@@ -93,3 +93,68 @@ def test_a_search_that_only_lowered_a_cost_outside_the_limits_gained_nothing():
     came_in = SimpleNamespace(history=search([0.7], excess=0.2).history, best=(0.0, 1.4))
     assert race._gained(came_in) == 1
     np.testing.assert_allclose(race._gained(SimpleNamespace(history=search([2.0, 1.5]).history, best=(0.0, 1.5))), 0.25)
+
+
+def turned(monkeypatch, *bests, rollouts=1000):
+    """The run after a first search and turns of a population and slopes, which came to these goals."""
+    begun = {"populations": [], "slopes": []}
+
+    def begin(tuner, z, moving):
+        begun["populations"].append(np.array(z))
+        return population([1.0])
+
+    def slopes(z, moving):
+        begun["slopes"].append(np.array(z))
+        return search([1.0])
+
+    monkeypatch.setattr(populations, "begin", begin)
+    searches = [search([2.0, bests[0]])]
+    for goal in bests[1:]:
+        searches += [population([goal + 0.1]), search([goal])]
+    for i, p in enumerate(searches):
+        p.best_z = np.array([float(i), 7.0])
+    lead = min(searches, key=lambda p: p.best)
+    run = SimpleNamespace(searches=tuple(searches), lead=lead, moving=np.array([True, False]))
+    run.total, run._replace = lambda name: rollouts, lambda searches: searches
+    screen = SimpleNamespace(tuner=SimpleNamespace(begin=slopes), seed=0)
+    return run, screen, begun
+
+
+def test_a_turn_begins_near_the_best_and_never_twice_at_the_same_sets(monkeypatch):
+    near = []
+    for bests, lead in (((1.0,), 0), ((1.0, 0.9), 2), ((1.0, 1.1), 0)):
+        run, screen, begun = turned(monkeypatch, *bests)
+        assert len(race._by_turns(run, screen, 1)) == 2 * len(bests)
+        (z,) = begun["populations"]
+        assert z[1] == 7.0 and 0 < abs(z[0] - lead) < 0.5  # only what moves; five times the deviation
+        near.append(z[0] - lead)
+    np.testing.assert_allclose(near[1], near[2])  # by the number of the turn
+    assert abs(near[0] - near[1]) > 1e-3
+
+
+def test_slopes_follow_a_population_from_its_best_though_another_leads(monkeypatch):
+    run, screen, begun = turned(monkeypatch, 1.0, 0.9)
+    run.searches = run.searches[:2]
+    assert len(race._by_turns(run, screen, 1)) == 3
+    np.testing.assert_array_equal(begun["slopes"], [[1.0, 7.0]])
+
+
+@pytest.mark.parametrize(
+    ("bests", "rollouts", "last"),
+    [
+        ((1.0, 0.999), 1000, False),  # one turn that gained little
+        ((1.0, 0.999, 0.998), 1000, True),  # two
+        ((1.0, 0.999, 0.98), 1000, False),
+        ((1.0, 0.5, 0.499, 0.4985), 1000, True),
+        ((1.0, 0.9), 3001, True),
+    ],
+)
+def test_turns_end_where_two_gained_little_or_enough_was_spent(monkeypatch, bests, rollouts, last):
+    run, screen, _ = turned(monkeypatch, *bests, rollouts=rollouts)
+    assert (race._by_turns(run, screen, 1) is None) == last
+
+
+def test_slopes_after_a_population_go_on_alone_and_so_does_the_next_population():
+    first, drawn = search([2.0, 1.0], finished=True), population([0.9] * populations.MOST)
+    assert going([first, drawn, search([0.8])]) == [False, False, True]
+    assert going([first, drawn, search([0.8], finished=True), population([0.95])]) == [False, False, False, True]

@@ -1,8 +1,11 @@
 """Runs of several starts and rounds: which search leads, and what is said of a round that came to nothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from tuning.tune import rounds
 from tuning.tune.figures import history_figure
 from tuning.tune.methods.method import Progress
 from tuning.tune.rounds import Run
@@ -42,3 +45,25 @@ def test_a_history_without_gradients_says_so_and_draws_the_rest():
     figure.draw_without_rendering()
     assert [text.get_text() for text in figure.axes[1].texts] == ["best gains: found without gradients"]
     assert len(figure.axes[2].get_lines()) == 2
+
+
+@pytest.mark.parametrize(("tightened", "leads"), [(0.58, 0.58), (0.65, 0.6)])
+def test_gains_whose_limits_hold_at_the_finer_step_stay_beside_those_of_tighter_bounds(tightened, leads, monkeypatch):
+    """Of searches that came to .5, .6 and .55 only that to .6 holds there, and what tighter bounds lead to."""
+    begun = search(0.0)._replace(best=(np.inf, np.inf), history=[])
+
+    def searched(problem, run, each, looking):
+        return run._replace(
+            searches=(*run.searches[:3], *(p._replace(best=(0.0, tightened)) for p in run.searches[3:]))
+        )
+
+    monkeypatch.setattr(rounds, "_searched", searched)
+    monkeypatch.setattr(rounds, "judged_with", lambda problem, goal: goal)
+    monkeypatch.setattr(rounds, "before_and_after", lambda problem, goal: ("start", goal))
+    monkeypatch.setattr(rounds, "tighter", lambda problem, seen, factors: np.ones(1) if seen[1] < 0.57 else None)
+    monkeypatch.setattr(rounds, "tightened", lambda problem, factors: problem)
+    tuner = SimpleNamespace(best=lambda p: p.best[1], begin=lambda z, moving: begun)
+    run = Run(0, (search(0.5), search(0.6), search(0.55)), {}, (), ())
+    run, seen = rounds._held(SimpleNamespace(tuner=tuner), run, lambda run: None, lambda runs, sets: None)
+    assert run.lead.best == (0.0, leads) and seen == ("start", leads)
+    assert len(run.tightened) == 1

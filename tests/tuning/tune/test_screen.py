@@ -196,19 +196,19 @@ class Nobody:
 
 @pytest.mark.parametrize(("floor", "others", "starts"), [(1.0, True, 1), (3.0, False, 1), (1.0, True, 64)])
 def test_a_search_that_gains_little_is_followed_by_one_from_elsewhere(floor, others, starts, monkeypatch):
-    """A plateau at `floor` about the start, without slopes, in a cone that falls to .2 elsewhere."""
+    """A plateau at `floor` about the start, without slopes, in a cone with a round tip that falls to .2 elsewhere."""
     for name in ("before_and_after", "tighter"):  # what answers has no finer step
         monkeypatch.setattr(rounds, name, lambda *arguments: None)
     middle, tip = np.log([20.0, 12.0]), np.log([20.0, 12.0]) + [2.0, -1.5]
 
     def runs(z, amplitude):
-        gap = np.linalg.norm(z - tip, axis=-1)
+        gap = np.sqrt(np.sum((z - tip) ** 2, axis=-1) + 0.09) - 0.3
         level = np.where(np.linalg.norm(z - middle, axis=-1) < 1, floor, 0.2 + 0.9 * gap) + 0 * amplitude
         return np.stack([level, np.ones_like(level)]), np.ones(len(level), bool)
 
     def model(z, scenarios):
         flat = np.linalg.norm(z - middle) < 1
-        slope = np.where(flat, 0.0, 0.9 * (z - tip) / max(np.linalg.norm(z - tip), 1e-9))
+        slope = np.where(flat, 0.0, 0.9 * (z - tip) / np.sqrt(np.sum((z - tip) ** 2) + 0.09))
         slopes = np.stack([slope, np.zeros(2)], axis=1)[:, :, None]
         return *runs(z, np.zeros(SIZE)), np.broadcast_to(slopes, (2, 2, SIZE))
 

@@ -191,6 +191,20 @@ def _look(state: State, radius: float, objective: Objective, reference: Any) -> 
     return state.center + found.change, state
 
 
+def promise(state: State, objective: Objective, reference: Any) -> float:
+    """By which share slopes alone lower the cost within `FIRST` of the best point: nothing where it is an optimum.
+
+    Infinite where the problem by these slopes cannot be solved.
+    """
+    cost = float(state.goal + state.penalty * state.over)
+    model = (state.values, state.ok, state.slopes)
+    try:
+        found = solve(model, objective._replace(penalty=float(state.penalty)), reference, FIRST)
+    except Unsolved:
+        return np.inf
+    return (cost - found.cost) / abs(cost)
+
+
 def curved(hessian: np.ndarray, change: np.ndarray, bend: np.ndarray) -> np.ndarray:
     """The Hessian after a step by `change` over which the Lagrangian's gradient changed by `bend`; kept positive."""
     along = hessian @ change

@@ -56,6 +56,22 @@ def test_it_balances_the_worst():
     np.testing.assert_allclose(state.center, [0.5], atol=1e-3)
 
 
+def test_slopes_promise_nothing_at_an_optimum_and_their_fall_elsewhere():
+    # of (z - 1)^2 + 1 at 3: 5 and slope 4, so within .25 it falls by 1 of 5; of the two parabolas above, at .5, neither
+    # way lowers both
+    def at(z, values, slopes, objective):
+        state = sqp.State.begin(1, *values.shape, 1.0)
+        levels = objective.levels(jnp.asarray(values), jnp.ones(values.shape[1], bool), np.ones((3, 1)))
+        model = (values, np.ones(values.shape[1], bool), slopes)
+        _, state = sqp.step(state, np.array(z), np.asarray(levels), model, objective, np.ones((3, 1)))
+        return sqp.promise(state, objective, np.ones((3, 1)))
+
+    one, two = Objective(MEAN, ()), Objective(WORST, ())
+    np.testing.assert_allclose(at([3.0], np.array([[5.0]]), np.array([[[4.0]]]), one), 4 * sqp.FIRST / 5, rtol=1e-6)
+    np.testing.assert_allclose(at([1.0], np.array([[1.0]]), np.array([[[0.0]]]), one), 0.0, atol=1e-6)
+    np.testing.assert_allclose(at([0.5], np.array([[2.25, 2.25]]), np.array([[[3.0, -3.0]]]), two), 0.0, atol=1e-6)
+
+
 def test_it_learns_what_is_curved():
     """Rosenbrock's valley inside a disc: steps that are linear alone creep along it."""
 
