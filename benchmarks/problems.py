@@ -81,7 +81,7 @@ class Best:
     def __init__(self) -> None:
         self.rank, self.place = (np.inf, np.inf), None
 
-    def saw(self, z: Any, excess: float, goal: float) -> None:
+    def saw(self, z: np.ndarray, excess: float, goal: float) -> None:
         """One more look."""
         if np.isfinite(goal) and (excess, goal) < self.rank:
             self.rank, self.place = (excess, goal), np.array(z)
@@ -119,7 +119,7 @@ def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
     def look(z: Any) -> tuple[Any, Any]:
         return tuner.objective.ranks(judge(np.asarray(z, float)))
 
-    def finer(z: Any) -> float:
+    def finer(z: np.ndarray) -> float:
         metrics = before_and_after(problem, tuner.gains.controller(z, tuner.controller))
         return float(np.maximum(levels(problem, metrics) - 1 - TOLERANCE, 0).sum())
 
@@ -129,7 +129,7 @@ def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
 
 
 def spent(
-    method: str, look: Any, finer: Callable[[Any], float], start: np.ndarray, seed: int, budget: int
+    method: str, look: Any, finer: Callable[[np.ndarray], float], start: np.ndarray, seed: int, budget: int
 ) -> dict[str, Any]:
     """What a peer comes to with so many rollouts."""
     best, recorder = Best(), Recorder(budget)

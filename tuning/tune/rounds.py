@@ -160,7 +160,7 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
 
 def _held(
     problem: TuningProblem, run: Run, each: Callable[[Run], None], looking: Callable[[int, int], None]
-) -> tuple[Run, Any]:
+) -> tuple[Run, tuple[agvjax.Metrics, agvjax.Metrics] | None]:
     """The run with all searches finished, and its metrics at the finer step.
 
     Where limits are met at the step of tuning and not there, bounds are tightened and the search goes on from its best.
@@ -186,7 +186,7 @@ def _held(
         run = run._replace(searches=(*old, begun), tightened=rows)
 
 
-def _holding(problem: TuningProblem, run: Run, before: Any) -> Progress | None:
+def _holding(problem: TuningProblem, run: Run, before: agvjax.Metrics) -> Progress | None:
     """The best of the other searches of which the limits hold at the finer step, where `before` is the start's metrics.
 
     Where errors of the step differ from gains to gains, it may be better than what tightened bounds lead to.
