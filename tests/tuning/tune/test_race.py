@@ -146,7 +146,7 @@ def test_slopes_follow_a_population_from_its_best_though_another_leads(monkeypat
         ((1.0, 0.999, 0.998), 1000, True),  # two
         ((1.0, 0.999, 0.98), 1000, False),
         ((1.0, 0.5, 0.499, 0.4985), 1000, True),
-        ((1.0, 0.9), 3001, True),
+        ((1.0, 0.9), 2501, True),
     ],
 )
 def test_turns_end_where_two_gained_little_or_enough_was_spent(monkeypatch, bests, rollouts, last):
