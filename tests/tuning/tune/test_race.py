@@ -116,7 +116,7 @@ def turned(monkeypatch, *bests, rollouts=1000):
     lead = min(searches, key=lambda p: p.best)
     run = SimpleNamespace(searches=tuple(searches), lead=lead, moving=np.array([True, False]))
     run.total, run._replace = lambda name: rollouts, lambda searches: searches
-    screen = SimpleNamespace(tuner=SimpleNamespace(begin=slopes), seed=0)
+    screen = SimpleNamespace(tuner=SimpleNamespace(begin=slopes), seed=0, size=16)
     return run, screen, begun
 
 
