@@ -28,7 +28,7 @@ RUNGS = (3, 6, 10, 15)  # iterations after which the better half of these goes o
 LITTLE = 0.1  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
 STEADY = 0.005  # share of the cost that slopes may still promise, see `sqp.promise`, where a search has ended
 SLIGHT, IDLE = 0.005, 2  # share of the goal: so many turns in a row that gain no more are the last
-DEAREST = 40_000  # runs after which no turn begins: 2500 rollouts of 16 scenarios
+DEAREST = 100  # runs a screened gain set that all may cost so that a turn begins, its longest population included
 ASIDE = 0.1  # in the coordinates: how far a population begins from the best, so that no two draw the same sets
 
 
@@ -164,7 +164,8 @@ def _by_turns(run: Run, screen: Screen, first: int) -> Run | None:
         before, now = min(p.best for p in searches[: -2 * IDLE]), run.lead.best
         if before[0] == now[0] and now[1] > (1 - SLIGHT) * before[1]:
             return None
-    if run.total("rollouts") * screen.size > DEAREST:
+    rollouts = run.total("rollouts") + populations.MOST * populations.SIZE
+    if rollouts * screen.size > DEAREST * tuner.settings.screen:
         return None
     begin = np.array(run.lead.best_z)
     begin[run.moving] += ASIDE * np.random.default_rng([screen.seed, turns]).standard_normal(int(run.moving.sum()))

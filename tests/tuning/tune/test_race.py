@@ -116,7 +116,8 @@ def turned(monkeypatch, *bests, rollouts=1000):
     lead = min(searches, key=lambda p: p.best)
     run = SimpleNamespace(searches=tuple(searches), lead=lead, moving=np.array([True, False]))
     run.total, run._replace = lambda name: rollouts, lambda searches: searches
-    screen = SimpleNamespace(tuner=SimpleNamespace(begin=slopes), seed=0, size=16)
+    settings = SimpleNamespace(screen=512)
+    screen = SimpleNamespace(tuner=SimpleNamespace(begin=slopes, settings=settings), seed=0, size=16)
     return run, screen, begun
 
 
@@ -146,7 +147,8 @@ def test_slopes_follow_a_population_from_its_best_though_another_leads(monkeypat
         ((1.0, 0.999, 0.998), 1000, True),  # two
         ((1.0, 0.999, 0.98), 1000, False),
         ((1.0, 0.5, 0.499, 0.4985), 1000, True),
-        ((1.0, 0.9), 2501, True),
+        ((1.0, 0.9), 2432, False),  # (2432 + 768) 16 = 100 512
+        ((1.0, 0.9), 2433, True),
     ],
 )
 def test_turns_end_where_two_gained_little_or_enough_was_spent(monkeypatch, bests, rollouts, last):
