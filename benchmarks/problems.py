@@ -6,8 +6,9 @@ Nelder-Mead get as many rollouts as ours took in all with the first seed (TPE at
 searches: the ensemble stays the same, so all costs of a problem are of one function and the best of anybody is one
 number. Every method's best is the set with the least excess over the limits and, of these, the lowest goal, which is
 how the tuner compares; peers are asked to minimise goal + 30 x excess. Where every run diverges with the configured
-gains, the unit of all costs is that of our screening. Limits are kept at the step of tuning by all; ours are kept at
-the finer step of `simulate` too, and by how much CMA-ES's best exceeds them there is `cma_over_finer`.
+gains, the unit of all costs is that of our screening with the first seed, also for our other seeds. Limits are kept at
+the step of tuning by all; ours are kept at the finer step of `simulate` too, and by how much CMA-ES's best exceeds them
+there is `cma_over_finer`.
 
 `python -m benchmarks problems --seeds 5 --most 20000 --only agv late`; without options one seed and `MOST`.
 `--scheduler local:4` shares the problems among workers. What is done is kept in build/problems/: the same command on
@@ -104,10 +105,9 @@ def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
         problem.tuner.push(problem.tuner.gains.coordinates(problem.config.controller), problem.tuner.scenarios())
     )
     jax.block_until_ready(problem.screen.tuner.roll(*problem.screen.example()))
-    rows = []
-    for seed in range(seeds):
-        ours, tuner = solved(problem._replace(screen=dataclasses.replace(problem.screen, seed=seed)))
-        rows.append({"method": "sqp", "seed": seed, "gains": len(tuner.gains.names)} | ours)
+    ended = [solved(problem._replace(screen=dataclasses.replace(problem.screen, seed=seed))) for seed in range(seeds)]
+    tuner = ended[0][1]
+    rows = [{"method": "sqp", "seed": i, "gains": len(tuner.gains.names)} | own for i, (own, _, _) in enumerate(ended)]
     try:
         _ = tuner.baseline
     except RuntimeError:
@@ -123,6 +123,9 @@ def attempts(name: str, seeds: int, most: int) -> list[dict[str, Any]]:
         metrics = before_and_after(problem, tuner.gains.controller(z, tuner.controller))
         return float(np.maximum(levels(problem, metrics) - 1 - TOLERANCE, 0).sum())
 
+    for row, (_, _, place) in zip(rows, ended, strict=True):
+        if place is not None:  # in the unit of the first
+            row["excess"], row["goal"] = (float(x) for x in look(place))
     budget = rows[0]["rollouts"]
     budgets = {"cma": most, "tpe": min(budget, TPE_BUDGET), "random": budget, "nelder-mead": budget}
     return rows + [spent(method, look, finer, start, 0, budget) for method, budget in budgets.items()]
@@ -151,8 +154,8 @@ def spent(
     return row | over | {"rollouts": recorder.rollouts, "seconds": seconds}
 
 
-def solved(problem: Any) -> tuple[dict[str, Any], Any]:
-    """What our tuner comes to, and its tuner, which knows the unit of costs; a tuning that breaks off says why."""
+def solved(problem: Any) -> tuple[dict[str, Any], Any, np.ndarray | None]:
+    """What our tuner comes to, its tuner, which knows the unit of costs, and where; one that breaks off says why."""
     from tuning.tune.judge import judge
     from tuning.tune.rounds import solve
 
@@ -163,14 +166,14 @@ def solved(problem: Any) -> tuple[dict[str, Any], Any]:
         verdict = judge(outcome)
     except RuntimeError as error:
         row = {"excess": np.inf, "goal": np.inf, "rollouts": 1, "seconds": time.process_time() - begin}
-        return row | {"exit": 1, "verdict": f"broke off: {error}"}, tuner
+        return row | {"exit": 1, "verdict": f"broke off: {error}"}, tuner, None
     excess, goal = outcome.run.lead.best
     after = verdict.after["validation"]
     lines = f"{after.unsettled} of {after.size} unsettled, {after.latched} diverged"
     row = {"excess": excess, "goal": goal, "rollouts": outcome.run.total("rollouts"), "seconds": searched[0]}
     row |= {"exit": int(bool(verdict.failure)), "verdict": verdict.failure or verdict.lines[0], "validation": lines}
     row |= {"looked": outcome.run.screened.rollouts, "iterations": outcome.progress.iteration}
-    return row, outcome.problem.tuner
+    return row, outcome.problem.tuner, np.asarray(outcome.run.lead.best_z)
 
 
 def measure(
