@@ -100,6 +100,8 @@ def hard(problem: TuningProblem, run: Run) -> bool:
 
 def _promises(problem: TuningProblem, lead: Progress) -> bool:
     """Whether a search has ended where its slopes promise more than any step kept."""
+    if np.isinf(lead.best[1]):
+        return False  # it has seen nothing
     return sqp.promise(lead.optimiser, problem.tuner.objective, problem.tuner.baseline) > STEADY
 
 
