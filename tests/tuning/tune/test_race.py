@@ -147,8 +147,8 @@ def test_slopes_follow_a_population_from_its_best_though_another_leads(monkeypat
         ((1.0, 0.999, 0.998), 1000, True),  # two
         ((1.0, 0.999, 0.98), 1000, False),
         ((1.0, 0.5, 0.499, 0.4985), 1000, True),
-        ((1.0, 0.9), 2432, False),  # (2432 + 768) 16 = 100 512
-        ((1.0, 0.9), 2433, True),
+        ((1.0, 0.9), 2112, False),  # (2112 + 768) 16 = 90 512
+        ((1.0, 0.9), 2113, True),
     ],
 )
 def test_turns_end_where_two_gained_little_or_enough_was_spent(monkeypatch, bests, rollouts, last):
