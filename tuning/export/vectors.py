@@ -111,7 +111,7 @@ def _random(rng: np.random.Generator, tree: PyTree) -> PyTree:
 def _spots(route: Route) -> list[tuple[float, float, float]]:
     """Leg, arc length [m], and how far [m] a vehicle has come since: all along, and where each leg is done.
 
-    Not at the very end: the speed there is the root of a number that is 0 but for rounding.
+    Not at the very end of a leg: the speed there is the root of a number that is 0 but for rounding.
     """
     begins = np.asarray(route.legs)[0]
     ends = np.append(begins[1:], float(np.asarray(route.length)))
@@ -119,5 +119,7 @@ def _spots(route: Route) -> list[tuple[float, float, float]]:
     apart = ends[-1] / count
     arcs = apart * np.arange(count)
     legs = np.searchsorted(begins, arcs, side="right") - 1.0
-    along = [(leg, arc, min(BESIDE, apart / 2)) for leg, arc in zip(legs.tolist(), arcs.tolist(), strict=True)]
-    return along + [(float(leg), end - 0.1 * float(route.reached), 0.0) for leg, end in enumerate(ends.tolist())]
+    done = ends - 0.1 * float(route.reached)
+    ahead = np.clip(done[legs.astype(int)] - arcs, 0.0, min(BESIDE, apart / 2))
+    along = list(zip(legs.tolist(), arcs.tolist(), ahead.tolist(), strict=True))
+    return along + [(float(leg), end, 0.0) for leg, end in enumerate(done.tolist())]
