@@ -56,7 +56,7 @@ from .engine import xla as _xla
 from .engine.xla import tune_xla
 from .errors import Fault, InputError
 from .evaluate import Batch, batch, evaluate
-from .feasible import demands, path_needs, path_warnings
+from .feasible import demands, path_needs, path_unchecked, path_warnings
 from .geometry import into_body, into_plane, wrap
 from .gradient import value_and_grad
 from .integrate import EULER, HEUN, INTEGRATORS, RK4, Integrator
@@ -89,7 +89,7 @@ __version__ = "0.1.0"
 # run and judge
 __all__ = ["Trajectory", "simulate", "Batch", "batch", "evaluate", "Criteria", "Metrics", "measure"]
 __all__ += ["tracking_error", "Scenario", "Timing", "EULER", "HEUN", "INTEGRATORS", "Integrator", "RK4"]
-__all__ += ["demands", "path_needs", "path_warnings"]
+__all__ += ["demands", "path_needs", "path_unchecked", "path_warnings"]
 # laws
 __all__ += ["ASMC", "DFC", "FTSMC", "SuperTwistingFTSMC", "OSFC", "BackCalculation", "NoAntiWindup", "Sampled"]
 __all__ += ["AdaptiveInverse", "Compensated", "Inverse", "NoCompensation", "NoPrediction", "Predictor", "Schedule"]

@@ -91,7 +91,7 @@ def limits(scenario: Scenario) -> dict[str, tuple[float, float]]:
 def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     """Why the path cannot be followed exactly, one sentence for each reason: quantity, what is needed, when, the limit.
 
-    Empty if it can.
+    Empty if it can, as far as `path_unchecked` lets it be known.
     """
     try:
         found, bounds = demands(scenario, horizon), limits(scenario)
@@ -102,14 +102,21 @@ def path_warnings(scenario: Scenario, horizon: float) -> list[str]:
     if not finite.all():
         return [f"the path is not finite at t = {found.t[np.argmin(finite)]:.3g} s"]
     said, plant = [], scenario.plant
-    if not found.needs:
-        said.append(f"{type(plant).__name__}: does not say what following a path takes")
     last, pace = scenario.path.end(), found.path_speed[-1]
     if ends and pace > STANDS * found.path_speed.max():
         said.append(f"the path ends after {last:.3g} s of {horizon:.3g} s: it stops at once from {pace:.3g} m/s")
     said += _reverses(found, plant)
     exceeded = [_exceeded(name, _unit(plant, name), found, *bounds[name]) for name in found.needs if name in bounds]
     return said + [sentence for sentence in exceeded if sentence]
+
+
+def path_unchecked(scenario: Scenario, horizon: float) -> str:
+    """Why it is not known what the path takes of the vehicle's limits; empty where it is known."""
+    try:
+        known = bool(demands(scenario, horizon).needs)
+    except Exception:  # `path_warnings` says so
+        return ""
+    return "" if known else f"{type(scenario.plant).__name__} does not say what following a path takes (Plant.needs)"
 
 
 def path_needs(scenario: Scenario, horizon: float) -> list[str]:

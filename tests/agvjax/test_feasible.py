@@ -300,3 +300,15 @@ def test_a_corner_that_is_tighter_than_the_wheel_turns_is_said(behind):
     )
     wide = agvjax.Ackermann(wheelbase=1.2, largest_angle=1.2, behind=behind)
     assert not agvjax.path_warnings(Scenario.of(wide, path=ring), 10.0)
+
+
+def test_what_a_vehicle_does_not_say_is_not_taken_for_a_path_that_cannot_be_followed():
+    @agvjax.pytree
+    class Silent(Unicycle):
+        def needs(self, motion):
+            return {}
+
+    path = Circle(radius=1.0, omega=0.8)
+    assert not agvjax.path_warnings(Scenario.of(Silent(), path=path), 10.0)
+    assert agvjax.path_unchecked(Scenario.of(Silent(), path=path), 10.0).startswith("Silent does not say")
+    assert not agvjax.path_unchecked(Scenario.of(Unicycle(), path=path), 10.0)

@@ -60,7 +60,7 @@ def _why(run: agvjax.Trajectory, last: int) -> str:
         cause = "gains may be too high for the delay or for the step"
     else:
         parts.append("its commands did not oscillate")
-        cause = "gains may be of the wrong sign or far too high, or the start too far from the path"
+        cause = "gains may be of the wrong sign or far too high, the step too long, or the start too far from the path"
     return f"{', '.join(parts)}: {cause}"
 
 
@@ -90,7 +90,8 @@ def brief(numbers: Numbers, scenario: agvjax.Scenario) -> str:
     rows = {name: values for name in CHANNELS if isinstance(values := numbers[name], dict)}
     lines = [[name, x, units_in(scenario)[name]] for name, x in routed.items()]
     table = grid(["metric", "value", "unit"], lines) if "cross_track" in routed else _table("metric", rows)
-    limited = f"\n\nat a limit {numbers['limited']:.1%} of the time" if numbers["limited"] else ""
+    share = numbers["limited"]
+    limited = f"\n\nat a limit {share:.1%} of the time" if isinstance(share, float) and 0 < share < np.inf else ""
     return f"{table}{limited}"
 
 

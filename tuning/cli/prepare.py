@@ -117,6 +117,8 @@ def warn(console: Console, config: Config, *sections: str, moving: Sequence[Movi
             console.note(blur)
     for text in agvjax.path_warnings(config.scenario, config.simulate.horizon):
         console.note(f"the path cannot be followed exactly: {text}")
+    if unchecked := agvjax.path_unchecked(config.scenario, config.simulate.horizon):
+        console.note(f"whether the path can be followed was not checked: {unchecked}")
     for text in (*whereabouts.notes(config, moving), *ends.elsewhere(config, moving)):
         console.note(text)
 

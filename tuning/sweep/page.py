@@ -114,7 +114,7 @@ def _radii(results: Results, judged: SweepVerdict) -> list[str]:
         if r.radius >= 1:
             text = "no failure was found anywhere in the axes' ranges"
         elif r.failure == 0:
-            text = "the nominal run itself fails"
+            text = "the nominal run itself fails, at the step of the sweep (sweep.dt)"
         else:
             near = ", ".join(f"{leaf} = {_shown(value)}" for leaf, value in r.scenario.items())
             text = f"no failure was found up to {r.radius:.3g} of the way to the ends;"

@@ -61,11 +61,11 @@ def judge(config: Config, results: Results, laws: Mapping[str, Law], judges: Seq
 
 def _unmoved(config: Config, reach: radius.Reach) -> str:
     if not config.sweep.radius:
-        return "Not asked for."
+        return "No largest box was looked for: sweep.radius is false."
     if not config.sweep.fails:
-        return "Nothing counts as a failure: sweep.fails is empty."
+        return "No largest box was looked for: nothing counts as a failure, sweep.fails is empty."
     if not reach.axes:
-        return "Not searched: only leaves of the scenario with a range can move."
+        return "No largest box was looked for: only leaves of the scenario with a range can move."
     return f"Fixed at nominal in the box: {', '.join(reach.fixed)}." if reach.fixed else ""
 
 
@@ -76,7 +76,10 @@ def bounds_of(config: Config, plan: Design, judge: Judge, size: int) -> dict[str
         InputError: a bound is relative to a nominal run that has no value, or 0.
     """
     nominal = _nominal(plan, judge, size)
-    left = f" (it diverges, past scenario.limit = {float(config.scenario.limit):g}, or never gets there)"
+    left = (
+        f" (with sweep.dt = {config.sweep.dt:g} it diverges, past scenario.limit = {float(config.scenario.limit):g}, or"
+        f" never gets there; simulate.dt is {config.simulate.dt:g}, and a plant may need a step as short)"
+    )
     why = {name: left if np.isinf(value) else "" for name, value in nominal.items()}
     bad = [
         Fault(f"sweep.fails.{name}", bound.value, f"absolute: the nominal run's {name} is {nominal[name]:g}{why[name]}")

@@ -179,5 +179,7 @@ def path_of(config: Config) -> str:
     if reasons:
         listed = "\n".join(f"* {text}" for text in reasons)
         return f"{title}It cannot be followed exactly with any gains:\n\n{listed}\n"
+    if unchecked := agvjax.path_unchecked(scenario, horizon):
+        return f"{title}Whether it can be followed was not checked: {unchecked}.\n"
     needs = "; ".join(agvjax.path_needs(scenario, horizon))
     return f"{title}The nominal vehicle can follow it. At most it needs, of its limits: {needs}.\n" if needs else ""

@@ -18,7 +18,7 @@ from tuning.cli.main import main
 from tuning.config.write import gains_table
 from tuning.export import artefact, c, c_route, program, stablehlo, tables
 from tuning.export import numpy as numpy_file
-from tuning.export.vectors import row
+from tuning.export.vectors import _spots, row
 
 FLAGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -44,6 +44,10 @@ def laid(name):
         return Route.through(BAY, limits=gentle), 60.0
     if name == "stops":  # on the way, where it turns back, and in the bay
         return Route.through(BAY, dwell=[0, 0, 1.5, 0, 0, 0.7, 0, 0, 0.26, 0, 0], limits=gentle), 80.0
+    if name == "one stop":  # an outsider's
+        limits = SpeedLimits(acceleration=0.4, deceleration=0.4, lateral_acceleration=0.4)
+        points = [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [6.0, 1.0], [8.0, 1.0]]
+        return Route.through(points, [0.6, 0.6, 0.0, 0.6, 0.6], dwell=2.0, limits=limits), 30.0
     if name == "seam":  # over its end, where it begins, and on
         corners = [[1, 0], [5, 0], [5, 3], [0, 3], [0, 0]]
         return Route.corners(corners, 0.8, radius=0.8, closed=True), 40.0
@@ -449,3 +453,13 @@ def test_the_command_writes_the_route_of_another_path(files_in_c, tmp_path, caps
     assert (
         told["closed"] is False and told["legs"] == 1 and 4.2 < told["length"]["value"] < 4.4
     )  # 2 + sqrt(5), and a bend
+
+
+@pytest.mark.parametrize("kind", ["two legs", "stops", "one stop"])
+def test_no_row_of_the_self_test_lies_where_a_leg_ends(kind):
+    """The speed there is sqrt(2 a s): what a float does not tell of s, 2e-7 m of 4, is 4e-4 m/s."""
+    route, _ = laid(kind)
+    begins = np.asarray(route.legs)[0]
+    ends = np.append(begins[1:], float(np.asarray(route.length)))
+    for leg, arc, ahead in _spots(route):
+        assert begins[int(leg)] <= arc and ahead >= 0 and arc + ahead < ends[int(leg)] - 1e-3
