@@ -21,6 +21,7 @@ WORSE = 0.05  # by how much a metric must rise to be worth a word
 AT_BOUND = 0.01  # how near a bound, as a share of it, a gain has ended there
 MUCH_WORSE = 0.5  # the same of a metric that is no error
 STUCK = 1.0  # s of standing while motion is commanded, from which on it is worth a word
+FEW = 0.1  # share of the unseen runs that may not settle without the verdict naming it
 DOUBTED = 0.01  # share of a limit by which unseen runs must exceed it for the verdict to name it
 ERRORS = (*LATE, "cross_track_peak_late", "longest_settling_time", "limited")
 COMMANDS = ("effort", "peak_position", "peak_heading", "total_chatter", "delivered_peak", "delivered_variation")
@@ -119,6 +120,8 @@ def unseen(  # long: a paragraph for each thing that may be said
         counts = f"{restless} of {kept.size} validation runs have not settled within {band:g} m and rad of the path"
         past = f"{restless_before} before" if kept_before.any() else "all diverged before"
         (failures if long and restless > kept.size / 2 else cautions).append(f"{counts} ({past})")
+        if long and FEW * kept.size < restless <= kept.size / 2:
+            doubts.append(f"{restless} of {kept.size} validation runs have not settled")
     if kept_before.any():
         baseline = everyone.baseline_of(before)
         levels = everyone.levels_of(after, baseline)[: len(objective.goals)]

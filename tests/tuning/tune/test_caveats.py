@@ -218,3 +218,12 @@ def test_of_vehicles_that_do_not_finish_those_that_stand_in_the_deadzone_are_tol
         "4 of 5 validation runs do not reach the end of the route (0 before); 2 of them stand for 1"
     )
     assert counted.endswith("; 2 are on their way when the run ends after 20 s (simulate.horizon)")
+
+
+@pytest.mark.parametrize(("restless", "named"), [(1, False), (2, True), (10, True), (11, False)])
+def test_the_verdict_names_runs_that_have_not_settled_from_a_tenth_of_them_on(restless, named):
+    """Of 20; more than half of them are a failure, which says so itself."""
+    after = metrics([0.1] * 20, settled=[i >= restless for i in range(20)])
+    found = caveats.unseen(Objective(goals=GOAL, limits=()), metrics([0.2] * 20), after, None, 0.05)
+    assert (f"{restless} of 20 validation runs have not settled" in found.doubts) == named
+    assert bool(found.failures) == (restless > 10)
