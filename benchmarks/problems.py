@@ -21,6 +21,7 @@ import dataclasses
 import json
 import multiprocessing
 import statistics
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -184,13 +185,14 @@ def measure(
     Problem after problem, each in a process of its own; or by workers, `scheduler` as of `agvjax sweep`.
     """
     import agvjax
+    from agvjax import InputError
 
     if scheduler is not None:  # workers get the compiler's options of this process, others set their own
         agvjax.tune_xla(devices=1)
     import jax
 
     from tuning.compute import schedule
-    from tuning.compute.jobs import Jobs
+    from tuning.compute.jobs import Jobs, WorkFailed
     from tuning.io import files
 
     jax.config.update("jax_enable_x64", True)  # as in `attempts`: workers are set as this process is
@@ -200,10 +202,14 @@ def measure(
     jobs = Jobs("problem", lambda number: _apart(names[number], seeds, most), prepare, (names, seeds, most))
     done = set() if commit.endswith("+") else {path.stem for path in folder.glob("*.json")}
     missing = [number for number, name in enumerate(names) if name not in done]
-    with schedule.opened(scheduler, print) as engine:
-        for number, data in engine.each(jobs, missing):
-            files.write(folder / f"{names[number]}.json", data)
-            print(compared(names[number], json.loads(data)), flush=True)
+    try:
+        with schedule.opened(scheduler, print) as engine:
+            for number, data in engine.each(jobs, missing):
+                files.write(folder / f"{names[number]}.json", data)
+                print(compared(names[number], json.loads(data)), flush=True)
+    except (InputError, WorkFailed) as error:
+        print(f"python -m benchmarks: error: {error}", file=sys.stderr)
+        raise SystemExit(2 if isinstance(error, InputError) else 1) from None
     return [compared(name, json.loads(files.text(folder / f"{name}.json"))) for name in names]
 
 

@@ -84,6 +84,7 @@ def save(folder: Path, run: Run) -> None:
     if run.screened is not None:
         arrays |= {f"screened/{name}": value for name, value in run.screened._asdict().items()}
     arrays |= {name: rows for name in TURNS if (rows := getattr(run, name)) is not None}
+    arrays |= {"first": run.first, "held": run.held}
     arrays["drawn"] = [populations.drawn(p) for p in run.searches]
     for i, p in enumerate(run.searches):
         leaves = jax.tree.leaves(p.optimiser)
@@ -113,6 +114,8 @@ def load(folder: Path, fresh: Run) -> Run:
             screened=_screened(saved, fresh.searches[0].z.size),
             tightened=saved.get("tightened"),
             promises=saved.get("promises"),
+            first=int(saved.get("first", 0)),  # neither in an earlier release
+            held=int(saved.get("held", -1)),
         )
     except Exception as error:  # what is in a whole file may be anything, too
         raise ValueError(f"{path} cannot be resumed from: {type(error).__name__}: {error}") from error

@@ -38,6 +38,8 @@ def promises(tuner: Tuner, p: Progress, moving: np.ndarray) -> np.ndarray:
     found = np.zeros(len(moving))
     try:
         alone, together = reached(moving), reached(np.ones_like(moving))
+        if alone == 0:
+            return found  # nothing is left to gain
         for k in np.flatnonzero(~moving):
             this = np.arange(len(moving)) == k
             found[k] = max(0.0, alone - reached(moving | this), reached(~this) - together) / abs(alone)

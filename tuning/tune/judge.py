@@ -84,7 +84,7 @@ def judge(outcome: Outcome) -> TuneVerdict:
     )
     baseline, objective, z = baseline_of(problem, tuned_on[0]), problem.tuner.objective, outcome.progress.best_z
     moving = outcome.run.moving
-    searched = tightened(problem, outcome.run.factors).tuner
+    searched = tightened(problem, outcome.run.factors_found).tuner
     findings, units = analysis.analyse(searched, z, moving), units_in(config.scenario)
     over = caveats.excesses(objective, tuned_on[1], baseline, units)
     conflict = _conflict(outcome, findings) if over else []

@@ -21,7 +21,7 @@ from ..io import files, viewers
 from ..io.pages import grid, look_closer, meanings, picture, publish
 from ..io.pictures import Drawing, write_figures
 from ..io.statements import worst_of
-from . import caveats, figures, populations, tables
+from . import caveats, figures, tables
 from .finer import baseline_of
 from .gains import value_of
 from .judge import TuneVerdict
@@ -75,14 +75,15 @@ def markdown(outcome: Outcome, verdict: TuneVerdict, closer: str = "") -> str:
     settings, before, after = config.tune, verdict.before, verdict.after
     names, units = shown(problem), units_in(config.scenario)
     places = len({row[1] for row in run.history if row[0] == 0})
-    starts = f" from {places} starts" if places > 1 else ""
+    starts = f" in {places} searches" if places > 1 else ""
+    which = f" of search {next(i for i, one in enumerate(run.searches) if one is p)}" if len(run.searches) > 1 else ""
     latched = sum(row[COLUMNS.index("latched")] > 0 for row in run.history)
     clipped = problem.tuner.method.note(run.total("clipped"))
     counts = (
         f"{_screened(run)}{len(run.history)} iterations of {settings.optimizer}{starts}, {run.total('rollouts')}"
-        f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration};"
-        f" {latched} of them with diverged runs,{clipped} {run.total('backed_out')} undone because no gradient there"
-        f" was usable.{_drawn(run)}"
+        f" rollouts of the ensemble in all (a gradient counts 1 + its tangents), best at iteration {p.best_iteration}"
+        f"{which}; {latched} of them with diverged runs,{clipped} {run.total('backed_out')} undone because no gradient"
+        f" there was usable.{tables.drawn(run)}"
     )
     smooth = _smooth_note(objective.metrics)
     learned = "\n".join(f"* {line}" for line in tables.identifiability(verdict.findings))
@@ -154,7 +155,7 @@ gain: its sensitivity, the relative change of the requirement per relative chang
 
 ## {SEARCH}
 
-{counts}{tables.tightened(objective.limits, run.tightened)} Seed {config.seed}, {config.precision}-bit.
+{counts}{tables.tightened(objective.limits, run)} Seed {config.seed}, {config.precision}-bit.
 
 {picture("history.png", HISTORY)}
 """
@@ -222,15 +223,6 @@ def _screened(run: Run) -> str:
         return ""
     lost = f", every run diverged for {seen.lost} of them" if seen.lost else ""
     return f"{seen.looked} gain sets screened, at the cost of {seen.rollouts} rollouts of the ensemble{lost}. "
-
-
-def _drawn(run: Run) -> str:
-    """How many of the iterations followed no slope, and whether the gains come from these."""
-    count = sum(p.iteration for p in run.searches if populations.drawn(p))
-    if not count:
-        return ""
-    found = ", and the gains come from these" if populations.drawn(run.lead) else ""
-    return f" {count} of them are generations of CMA-ES, {populations.SIZE} gain sets each, without gradients{found}."
 
 
 def _smooth_note(names: Sequence[str]) -> str:

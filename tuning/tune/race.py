@@ -37,7 +37,7 @@ def advanced(problem: TuningProblem, run: Run) -> Run | None:
     on, searches = _going(problem, run), list(run.searches)
     if not any(on):
         return None
-    if len(searches) == problem.config.tune.starts:  # in one batch
+    if len(searches) == firsts(problem, run):  # in one batch
         return run._replace(searches=tuple(problem.tuner.advance_all(searches)))
     some = [i for i, g in enumerate(on) if g]
     if problem.screen is not None and populations.drawn(searches[some[0]]):  # these go on by themselves
@@ -89,19 +89,23 @@ def _better(run: Run, on: list[bool], racing: list[int], rungs: tuple[int, ...],
 
 def _raced(problem: TuningProblem, run: Run) -> range:
     """The searches that race: those from further places of the screening."""
-    return range(problem.config.tune.starts if not run.round else 1, len(run.searches))
+    return range(firsts(problem, run), len(run.searches))
+
+
+def firsts(problem: TuningProblem, run: Run) -> int:
+    """How many searches a round begins with: one after the first; there one a place, which may be fewer than asked."""
+    return 1 if run.round else run.first or problem.config.tune.starts
 
 
 def hard(problem: TuningProblem, run: Run) -> bool:
     """Whether the first searches gained little, ended where slopes promise more, or others had to follow."""
-    first = run.searches[: problem.config.tune.starts]
-    return len(run.searches) > len(first) or _gained(run.lead) < LITTLE or _promises(problem, run.lead)
+    return len(run.searches) > firsts(problem, run) or _gained(run.lead) < LITTLE or _promises(problem, run.lead)
 
 
 def _promises(problem: TuningProblem, lead: Progress) -> bool:
-    """Whether a search has ended where its slopes promise more than any step kept."""
-    if np.isinf(lead.best[1]):
-        return False  # it has seen nothing
+    """Whether a search has ended where its slopes promise more than any step kept; not by its number of iterations."""
+    if np.isinf(lead.best[1]) or not problem.tuner.method.converged(lead.optimiser):
+        return False
     return sqp.promise(lead.optimiser, problem.tuner.objective, problem.tuner.baseline) > STEADY
 
 
@@ -121,7 +125,7 @@ def elsewhere(problem: TuningProblem, run: Run, looking: Callable[[int, int], No
     if seen is None or problem.screen is None:
         return None
     screen = dataclasses.replace(problem.screen, tuner=problem.tuner)
-    first = searches[: problem.config.tune.starts]
+    first = searches[: firsts(problem, run)]
     if not run.round and _gained(min(first, key=lambda p: p.best)) >= LITTLE:
         return _by_turns(run, screen, len(first))
     looked_further = seen.looked > 1 + screen.tuner.settings.screen

@@ -41,6 +41,8 @@ class Run(NamedTuple):
     screened: Screened | None = None  # what was seen before the first iteration
     tightened: np.ndarray | None = None  # (turns, L), what bounds were multiplied by, see `finer.tighter`
     promises: np.ndarray | None = None  # (turns, K), of the gains that did not move yet, see `choice.promises`
+    first: int = 0  # searches that the first round began with; 0, of an earlier release: `tune.starts`
+    held: int = -1  # the search of before bounds were tightened whose limits hold at the finer step; -1: none
 
     @property
     def history(self) -> list[tuple[float, ...]]:
@@ -52,6 +54,11 @@ class Run(NamedTuple):
     def factors(self) -> np.ndarray | None:
         """What the bounds of limits (L,) are multiplied by now; None: nothing."""
         return None if self.tightened is None else self.tightened[-1]
+
+    @property
+    def factors_found(self) -> np.ndarray | None:
+        """What they were multiplied by where the best search found its gains."""
+        return None if 0 <= self.held and self.searches[self.held] is self.lead else self.factors
 
     @property
     def moving(self) -> np.ndarray:
@@ -134,7 +141,7 @@ def solve(
     before = None
     while True:
         run, metrics = _held(problem, run, each, looking)
-        reason, stopped = _hindrance(run.lead), ""
+        reason, stopped = _hindrance(run), ""
         if reason and before is not None:
             said = f"round {run.round}, with the worst scenarios added, made no progress: no gradient was usable"
             return before._replace(stopped=f"{said}; the gains are those of the previous round")
@@ -155,7 +162,7 @@ def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int]
     seen = problem.screen.look(looking)
     places = seen.apart(problem.config.tune.starts)
     searches = tuple(problem.tuner.begin(z, problem.moving) for z in places)
-    return run._replace(screened=seen, searches=searches)
+    return run._replace(screened=seen, searches=searches, first=len(searches))
 
 
 def _held(
@@ -168,7 +175,7 @@ def _held(
     while True:
         tight = tightened(problem, run.factors)
         run = _searched(tight, run, each, looking)
-        if _hindrance(run.lead):
+        if _hindrance(run):
             return run, None
         metrics = before_and_after(problem, tight.tuner.best(run.lead))
         turns = np.zeros((0, 0)) if run.tightened is None else run.tightened
@@ -177,13 +184,14 @@ def _held(
             return run, metrics
         holding = _holding(problem, run, metrics[0])
         none = (np.inf, np.inf)  # by bounds that count no more
+        held = next((i for i, p in enumerate(run.searches) if p is holding), -1)
         old = (p if p is holding else p._replace(best=none) for p in run.searches)
         begin = (
             populations.begin if populations.drawn(run.lead) else Tuner.begin
         )  # what found them, where slopes led no further
         begun = begin(tight.tuner, run.lead.best_z, run.moving)
         rows = factors[None] if run.tightened is None else np.vstack([turns, factors])
-        run = run._replace(searches=(*old, begun), tightened=rows)
+        run = run._replace(searches=(*old, begun), tightened=rows, held=held)
 
 
 def _holding(problem: TuningProblem, run: Run, before: agvjax.Metrics) -> Progress | None:
@@ -211,7 +219,7 @@ def _searched(
         while (after := advanced(problem, run)) is not None:
             run = after
             each(run)
-        stuck = _hindrance(run.lead)
+        stuck = _hindrance(run)
         if run.round == 0 and not run.turns and problem.tuner.method.jacobian and hard(problem, run):
             stuck = "it gained little"
         further = elsewhere(problem, run, looking) if stuck and run.tightened is None else None
@@ -229,9 +237,12 @@ def _outcome(problem: TuningProblem, run: Run, stopped: str) -> Outcome:
     return Outcome(problem, run, problem.tuner.best(run.lead), found, (*run.rounds, *rounds), stopped)
 
 
-def _hindrance(lead: Progress) -> str:
-    """Why a search came to nothing; empty where it did not."""
-    if lead.backed_out and lead.backed_out == lead.iteration - 1:
+def _hindrance(run: Run) -> str:
+    """Why searches came to nothing; empty where they did not: slopes may take no step from what a population found."""
+    lead = run.lead
+    place = next(i for i, p in enumerate(run.searches) if p is lead)
+    follows = place > 0 and populations.drawn(run.searches[place - 1])
+    if lead.backed_out and lead.backed_out == lead.iteration - 1 and not follows:
         return "every step led to a point without a usable gradient: the gains are the starting gains"
     if np.isinf(lead.best[1]):
         advice = "other starting gains may help, or tune.starts = 8, which tries more; agvjax doctor shows why"
@@ -244,7 +255,7 @@ def _let_go(problem: TuningProblem, run: Run) -> Run | None:
 
     All that are left, or those that promise something; then again those that do so where these have been tuned.
     """
-    if run.round or run.moving.all() or _hindrance(run.lead):
+    if run.round or run.moving.all() or _hindrance(run):
         return None
     more, looked = ~run.moving, run.promises
     if problem.config.tune.gains == "sensitive":

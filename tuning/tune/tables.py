@@ -16,14 +16,14 @@ from ..config.settings import Config
 from ..io import numbers
 from ..io.pages import grid
 from ..io.statements import FOUND, NAMED, PROVED, of_draws, of_kind, said, worst_of
-from . import figures
+from . import figures, populations
 from .analysis import Findings
 from .choice import PAYS
 from .gains import value_of
 from .judge import Summary
 from .meanings import of_gains
 from .methods.objective import Requirement
-from .rounds import Round
+from .rounds import Round, Run
 
 
 def comparison(before: Summary, after: Summary, metrics: Sequence[str], units: Mapping[str, str] = PLAIN) -> str:
@@ -108,13 +108,24 @@ with {PAYS:.3%} or more were tuned too, and the rest were predicted again at the
     return told + grid(["parameter of the law", *turns, "tuned too"], rows) + "\n"
 
 
-def tightened(limits: Sequence[Requirement], rows: np.ndarray | None) -> str:
+def tightened(limits: Sequence[Requirement], run: Run) -> str:
     """What bounds were multiplied by because limits held at the step of tuning alone; empty where all held."""
-    if rows is None:
+    if (rows := run.tightened) is None:
         return ""
     told = [f"{r.name} to {x:.5f} of its bound" for r, x in zip(limits, rows[-1], strict=True) if x != 1]
     times = "once" if len(rows) == 1 else f"{len(rows)} times"
-    return f" Limits that held at tune.dt but not at simulate.dt were tightened {times}: {', '.join(told)}."
+    earlier = " The gains are those of an earlier search, whose limits hold at simulate.dt too."
+    found = earlier if run.factors_found is None else ""
+    return f" Limits that held at tune.dt but not at simulate.dt were tightened {times}: {', '.join(told)}.{found}"
+
+
+def drawn(run: Run) -> str:
+    """How many of the iterations followed no slope, and whether the gains come from these."""
+    count = sum(p.iteration for p in run.searches if populations.drawn(p))
+    if not count:
+        return ""
+    found = ", and the gains come from these" if populations.drawn(run.lead) else ""
+    return f" {count} of them are generations of CMA-ES, {populations.SIZE} gain sets each, without gradients{found}."
 
 
 def standings(findings: Findings, units: Mapping[str, str] = PLAIN) -> str:

@@ -193,3 +193,55 @@ def test_wide_populations_pass_through_a_hole_that_the_screening_missed(monkeypa
     assert np.linalg.norm(found.apart(2) - HOLE, axis=1).min() < RADIUS
     one = populations.further(problem.screen, seen, np.array([True, False]), lambda runs, sets: None)
     assert set(one.places[:, 1]) <= {MIDDLE[1], *seen.places[:, 1]}
+
+
+def rugged(z, amplitude):
+    """A bowl about the tip with a step at every tenth: its slopes are true and promise what no step keeps."""
+    far = np.linalg.norm(z - TIP, axis=-1)
+    return 0.2 + far**2 + 0.3 * np.modf(np.abs(z[..., 0]) * 10)[0], far
+
+
+def rough(monkeypatch, **settings):
+    """A problem whose slopes lead far and end short of the tip."""
+
+    def surface(z, amplitude):
+        level = rugged(z, amplitude)[0] + 0 * amplitude
+        return np.stack([level, np.ones_like(level)]), np.ones(level.shape, bool)
+
+    problem, asked = posed(monkeypatch, surface)
+
+    def model(z, scenarios):
+        asked["models"] += 1
+        slope = 2 * (np.asarray(z) - TIP) + np.array([3.0 * np.sign(z[0]), 0.0])
+        slopes = np.stack([slope, np.zeros(2)], axis=1)[:, :, None]
+        return *surface(np.asarray(z), np.zeros(SCENARIOS)), np.broadcast_to(slopes, (2, 2, SCENARIOS))
+
+    tune = dataclasses.replace(problem.config.tune, **settings)
+    tuner = dataclasses.replace(problem.tuner, compiled=model, settings=tune)
+    config = dataclasses.replace(problem.config, tune=tune)
+    screen = dataclasses.replace(problem.screen, tuner=tuner)
+    return problem._replace(config=config, tuner=tuner, screen=screen), asked
+
+
+def test_where_slopes_end_before_their_promise_turns_follow_and_resume_to_the_same_end(monkeypatch, tmp_path):
+    problem, asked = rough(monkeypatch, screen=512)
+    kept = []
+    whole = solve(problem, each=kept.append)
+    kinds = [populations.drawn(p) for p in whole.run.searches]
+    assert kinds[0] is False and kinds[1::2] == [True] * len(kinds[1::2]) and not any(kinds[0::2])  # by turns
+    assert len(kinds) >= 3 and whole.run.lead.best < whole.run.searches[0].best
+    assert asked["runs"] / SCENARIOS + 3 * (asked["models"] - 2) == pytest.approx(whole.run.total("rollouts"), rel=0.05)
+    for count in (2, 3):  # in a population, and in the slopes after it
+        middle = next(run for run in kept if len(run.searches) == count and run.searches[-1].iteration == 2)
+        save(tmp_path, middle)
+        populations._method.cache_clear()
+        again = solve(problem, load(tmp_path, begin(problem)))
+        np.testing.assert_array_equal(again.progress.best_z, whole.progress.best_z)
+        assert again.run.total("rollouts") == whole.run.total("rollouts")
+
+
+def test_a_search_that_its_number_of_iterations_ended_promises_nothing(monkeypatch):
+    problem, _ = rough(monkeypatch, screen=512)
+    first = solve(problem).run.searches[0]
+    assert race._promises(problem, first)
+    assert not race._promises(problem, first._replace(optimiser=first.optimiser._replace(radius=np.array(0.1))))

@@ -26,7 +26,7 @@ def population(goals):
 def going(searches, **run):
     tuner = SimpleNamespace(finished=lambda p: p.finished)
     config = SimpleNamespace(tune=SimpleNamespace(starts=1, screen=512))
-    run = {"round": 0, "turns": 0, "tightened": None, "screened": SimpleNamespace(looked=513)} | run
+    run = {"round": 0, "first": 1, "turns": 0, "tightened": None, "screened": SimpleNamespace(looked=513)} | run
     return race._going(SimpleNamespace(tuner=tuner, config=config), SimpleNamespace(searches=searches, **run))
 
 

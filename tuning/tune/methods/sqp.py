@@ -198,6 +198,8 @@ def promise(state: State, objective: Objective, reference: Any) -> float:
     """
     cost = float(state.goal + state.penalty * state.over)
     model = (state.values, state.ok, state.slopes)
+    if cost == 0:
+        return 0.0  # as of a corridor that is never left
     try:
         found = solve(model, objective._replace(penalty=float(state.penalty)), reference, FIRST)
     except Unsolved:

@@ -69,6 +69,7 @@ def test_slopes_promise_nothing_at_an_optimum_and_their_fall_elsewhere():
     one, two = Objective(MEAN, ()), Objective(WORST, ())
     np.testing.assert_allclose(at([3.0], np.array([[5.0]]), np.array([[[4.0]]]), one), 4 * sqp.FIRST / 5, rtol=1e-6)
     np.testing.assert_allclose(at([1.0], np.array([[1.0]]), np.array([[[0.0]]]), one), 0.0, atol=1e-6)
+    assert at([0.0], np.array([[0.0]]), np.array([[[1.0]]]), one) == 0.0  # a corridor that is never left
     np.testing.assert_allclose(at([0.5], np.array([[2.25, 2.25]]), np.array([[[3.0, -3.0]]]), two), 0.0, atol=1e-6)
 
 
