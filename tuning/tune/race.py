@@ -93,8 +93,8 @@ def _raced(problem: TuningProblem, run: Run) -> range:
 
 
 def firsts(problem: TuningProblem, run: Run) -> int:
-    """How many searches a round begins with: one after the first; there one a place, which may be fewer than asked."""
-    return 1 if run.round else run.first or problem.config.tune.starts
+    """How many searches a round begins with: one after the first; there as many as asked."""
+    return 1 if run.round else problem.config.tune.starts
 
 
 def hard(problem: TuningProblem, run: Run) -> bool:
