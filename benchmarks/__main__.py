@@ -13,6 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from agvjax import InputError
+
 from . import (
     accuracy,
     certify,
@@ -82,7 +84,10 @@ def main() -> None:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     RESULTS.mkdir(exist_ok=True)
     for name in given.parts or PARTS:
-        rows = PARTS[name](given.turns)
+        try:
+            rows = PARTS[name](given.turns)
+        except InputError as error:
+            parser.error(str(error))
         kept = {"part": name, "machine": machine(), "rows": rows}
         (RESULTS / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
         (RESULTS / f"{name}.md").write_text(table(kept))

@@ -28,7 +28,7 @@ RUNGS = (3, 6, 10, 15)  # iterations after which the better half of these goes o
 LITTLE = 0.1  # share of the goal: a search that gains no more over gain sets thrown at random has hardly got anywhere
 STEADY = 0.005  # share of the cost that slopes may still promise, see `sqp.promise`, where a search has ended
 SLIGHT, IDLE = 0.005, 2  # share of the goal: so many turns in a row that gain no more are the last
-DEAREST = 90  # runs a screened gain set that all may cost so that a turn begins, its longest population included
+DEAREST = 90  # runs a screened gain set that all may cost so that a turn begins, with its longest population
 ASIDE = 0.1  # in the coordinates: how far a population begins from the best, so that no two draw the same sets
 
 
@@ -93,8 +93,8 @@ def _raced(problem: TuningProblem, run: Run) -> range:
 
 
 def firsts(problem: TuningProblem, run: Run) -> int:
-    """How many searches a round begins with: one after the first; there as many as asked."""
-    return 1 if run.round else problem.config.tune.starts
+    """How many searches a round begins with: one after the first; there one a place, which may be fewer than asked."""
+    return 1 if run.round else run.first or problem.config.tune.starts
 
 
 def hard(problem: TuningProblem, run: Run) -> bool:

@@ -182,10 +182,8 @@ def _held(
         factors = tighter(problem, metrics, run.factors) if run.lead.best[0] == 0 and len(turns) < TURNS else None
         if factors is None:
             return run, metrics
-        holding = _holding(problem, run, metrics[0])
-        none = (np.inf, np.inf)  # by bounds that count no more
-        held = next((i for i, p in enumerate(run.searches) if p is holding), -1)
-        old = (p if p is holding else p._replace(best=none) for p in run.searches)
+        held, none = _holding(problem, run, metrics[0]), (np.inf, np.inf)  # by bounds that count no more
+        old = (p if i == held else p._replace(best=none) for i, p in enumerate(run.searches))
         begin = (
             populations.begin if populations.drawn(run.lead) else Tuner.begin
         )  # what found them, where slopes led no further
@@ -194,17 +192,18 @@ def _held(
         run = run._replace(searches=(*old, begun), tightened=rows, held=held)
 
 
-def _holding(problem: TuningProblem, run: Run, before: agvjax.Metrics) -> Progress | None:
-    """The best of the other searches of which the limits hold at the finer step, where `before` is the start's metrics.
+def _holding(problem: TuningProblem, run: Run, before: agvjax.Metrics) -> int:
+    """Which of the other searches is the best whose limits hold at the finer step; -1: none. `before` is the start's.
 
     Where errors of the step differ from gains to gains, it may be better than what tightened bounds lead to.
     """
-    for p in sorted(run.searches, key=lambda p: p.best):
+    for i in sorted(range(len(run.searches)), key=lambda i: run.searches[i].best):
+        p = run.searches[i]
         if p is not run.lead and p.history and p.best[0] == 0 and np.isfinite(p.best[1]):
             after = judged_with(problem, problem.tuner.best(p))
             if tighter(problem, (before, after), None) is None:
-                return p
-    return None
+                return i
+    return -1
 
 
 def _searched(

@@ -201,12 +201,13 @@ def rugged(z, amplitude):
     return 0.2 + far**2 + 0.3 * np.modf(np.abs(z[..., 0]) * 10)[0], far
 
 
-def rough(monkeypatch, **settings):
-    """A problem whose slopes lead far and end short of the tip."""
+def rough(monkeypatch, near=np.inf, **settings):
+    """A problem whose slopes lead far and end short of the tip; runs diverge that are not near it."""
 
     def surface(z, amplitude):
-        level = rugged(z, amplitude)[0] + 0 * amplitude
-        return np.stack([level, np.ones_like(level)]), np.ones(level.shape, bool)
+        level, far = rugged(z, amplitude)
+        level = level + 0 * amplitude
+        return np.stack([level, np.ones_like(level)]), np.broadcast_to(far < near, level.shape)
 
     problem, asked = posed(monkeypatch, surface)
 
@@ -216,6 +217,10 @@ def rough(monkeypatch, **settings):
         slopes = np.stack([slope, np.zeros(2)], axis=1)[:, :, None]
         return *surface(np.asarray(z), np.zeros(SCENARIOS)), np.broadcast_to(slopes, (2, 2, SCENARIOS))
 
+    def at_once(tuner):
+        return lambda points, scenarios: tuple(np.stack(x) for x in zip(*(model(z, 0) for z in points), strict=True))
+
+    monkeypatch.setattr(Tuner, "push_all", property(at_once))  # several searches look in one call
     tune = dataclasses.replace(problem.config.tune, **settings)
     tuner = dataclasses.replace(problem.tuner, compiled=model, settings=tune)
     config = dataclasses.replace(problem.config, tune=tune)
@@ -245,3 +250,14 @@ def test_a_search_that_its_number_of_iterations_ended_promises_nothing(monkeypat
     first = solve(problem).run.searches[0]
     assert race._promises(problem, first)
     assert not race._promises(problem, first._replace(optimiser=first.optimiser._replace(radius=np.array(0.1))))
+
+
+def test_turns_follow_fewer_searches_than_were_asked_for_too(monkeypatch):
+    """Of 40 there are as many as places that lie apart; the turns after these are not taken for some of them."""
+    problem, _ = rough(monkeypatch, near=2.6, screen=512, starts=40)
+    run = solve(problem).run
+    assert 1 < run.first < 40
+    drawn = [populations.drawn(p) for p in run.searches]
+    assert not any(drawn[: run.first]) and len(drawn) > run.first + 1
+    turns = drawn[run.first :]
+    assert turns[0::2] == [True] * len(turns[0::2]) and not any(turns[1::2])

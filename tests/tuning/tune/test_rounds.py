@@ -49,12 +49,12 @@ def test_a_history_without_gradients_says_so_and_draws_the_rest():
 
 @pytest.mark.parametrize(("tightened", "leads"), [(0.58, 0.58), (0.65, 0.6)])
 def test_gains_whose_limits_hold_at_the_finer_step_stay_beside_those_of_tighter_bounds(tightened, leads, monkeypatch):
-    """Of searches that came to .5, .6 and .55 only that to .6 holds there, and what tighter bounds lead to."""
+    """Of searches that came to .5, .62, .6 and .55 those to .6 and .62 hold there, and what tighter bounds lead to."""
     begun = search(0.0)._replace(best=(np.inf, np.inf), history=[])
 
     def searched(problem, run, each, looking):
         return run._replace(
-            searches=(*run.searches[:3], *(p._replace(best=(0.0, tightened)) for p in run.searches[3:]))
+            searches=(*run.searches[:4], *(p._replace(best=(0.0, tightened)) for p in run.searches[4:]))
         )
 
     monkeypatch.setattr(rounds, "_searched", searched)
@@ -64,7 +64,8 @@ def test_gains_whose_limits_hold_at_the_finer_step_stay_beside_those_of_tighter_
     monkeypatch.setattr(rounds, "tightened", lambda problem, factors: problem)
     monkeypatch.setattr(rounds.Tuner, "begin", lambda tuner, z, moving: begun)
     tuner = SimpleNamespace(best=lambda p: p.best[1])
-    run = Run(0, (search(0.5), search(0.6), search(0.55)), {}, (), ())
+    run = Run(0, tuple(search(goal) for goal in (0.5, 0.62, 0.6, 0.55)), {}, (), ())
     run, seen = rounds._held(SimpleNamespace(tuner=tuner), run, lambda run: None, lambda runs, sets: None)
     assert run.lead.best == (0.0, leads) and seen == ("start", leads)
-    assert len(run.tightened) == 1
+    assert len(run.tightened) == 1 and run.held == 2
+    assert (run.factors_found is None) == (leads == 0.6)  # it is judged by the bounds that were asked for
