@@ -35,7 +35,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     figure, axes = panels(3, 1, (7.5, 7), sharex=True)
     cost, norm, gain = axes[:, 0]
     drawn = _drawn(table[:, len(COLUMNS) :], np.asarray(start, float))
-    offset, low, top, others = 0, np.inf, -np.inf, "cost of searches from other starting points"
+    offset, low, top, others = 0, np.inf, -np.inf, "cost of the other searches"
     for turn in range(run.round + 1):
         lead = _lead(run, table, turn)
         for search in np.unique(column["start"][column["round"] == turn]):
@@ -59,7 +59,7 @@ def history_figure(names: Sequence[str], start: Sequence[float], run: Run) -> Fi
     cost.set(ylabel="weighted sum of goals")
     if np.isfinite(low):
         cost.set(ylim=(0.98 * low, 1.05 * max(top, low)))
-    cost.legend(fontsize=8)
+    cost.legend(fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     norm.set(ylabel="gradient norm")
     gain.set(ylabel="gain / starting gain", xlabel="iteration")
     _readable(norm, gain, [names[k] for k in drawn])
