@@ -1,4 +1,4 @@
-"""From a key on a slider of `agvjax explore` to the last stroke that redraws the page."""
+"""From a key on a slider of `agvjax explore` to the last stroke of the curves and the new table, the later of both."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ FOCUS = """(() => {
   const all = root => [...root.querySelectorAll("*")].flatMap(e => [e, ...(e.shadowRoot ? all(e.shadowRoot) : [])])
   const every = all(document)
   window.table = every.find(e => e.dataset && e.dataset.serial).getRootNode()  // asked often: found once
+  const changed = new MutationObserver(() => { window.drawn = performance.now() })
+  changed.observe(window.table, { childList: true, subtree: true, characterData: true })
   every.find(e => e.classList.contains("noUi-handle")).focus()
 })()"""
 SERIAL = "+window.table.querySelector('[data-serial]').dataset.serial"
@@ -46,7 +48,7 @@ def served(*options: str) -> Iterator[str]:
 
 
 async def moves(tab: browser.Tab, count: int = MOVES) -> list[float]:
-    """Seconds from each key press on the first slider until nothing more is drawn, and the table is new."""
+    """Seconds from each key press on the first slider until all curves are drawn and the table is new."""
     await tab.until(READY)
     await tab.value(f"{WATCH}; {FOCUS}")
     found = []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
@@ -23,11 +25,12 @@ from ...io.curves import columns
 from ...tune.rules import faults
 from . import drawing, table
 from .background import Desk, Tuning
-from .rollout import Rollouts
+from .rollout import Judged, Rollouts
 from .sliders import Slider, held
 
 STEPS = 400  # of a slider, from end to end
 PAUSE = 8  # ms, in which further moves are awaited before one redraws: a hand is faster than a rollout
+SOON = 0.1  # s after a redraw, in which a move is taken for one of many
 LOOK = 500  # ms between looks at a tuning
 READ = "return (Math.abs(x) < 1e-12 ? 0 : x).toPrecision(4).replace(/\\.?0+$/, '')"
 PLAIN, POWER = f"const x = tick; {READ}", f"const x = 10 ** tick; {READ}"
@@ -40,7 +43,7 @@ class Page:
         values: where each slider stands, by `Slider.key`.
         handles: the sliders on the page, by `Slider.key`.
         source: the curves as they are drawn, by column.
-        shown: what they are drawn from.
+        shown: what stands in the table.
     """
 
     def __init__(self, rollouts: Rollouts, desk: Desk, document: Document | None = None) -> None:
@@ -51,8 +54,10 @@ class Page:
         self.handles = {s.key: self._handle(s) for s in self.moving.sliders}
         self.tuning: Tuning | None = None
         self._setting, self._waiting, self._serial = False, False, 0
-        self.first = self.shown = rollouts.shown(self.config)
-        self.source, self._before = (ColumnDataSource(data=columns(self.first.curves)) for _ in range(2))
+        self._judging, self._asked, self._drawn = False, self.config, 0.0
+        self.first = self.shown = rollouts.judged(self.config)
+        drawn = columns(rollouts.curves(self.config))
+        self.source, self._before = (ColumnDataSource(data=drawn) for _ in range(2))
         self.table, self.banner = Div(), Div(text="", styles={"min-height": "22px"}, sizing_mode="stretch_width")
         self.buttons = {name: Button(label=label) for name, label in drawing.BUTTONS.items()}
         for name, action in {"tune": self.tune, "save": self.save, "reset": self.reset}.items():
@@ -107,19 +112,37 @@ class Page:
             self.redraw()
         elif not self._waiting:
             self._waiting = True
-            self.document.add_timeout_callback(self.redraw, PAUSE)
+            moving = time.monotonic() - self._drawn < SOON
+            self.document.add_timeout_callback(self.redraw, PAUSE if moving else 0)
 
     def redraw(self) -> None:
-        """Roll out where the sliders stand and show it."""
+        """Roll out where the sliders stand and show it: the curves, and while a browser draws them, the table."""
         self._waiting = False
-        self.shown = self.rollouts.shown(self.moving.placed(self.config, self.values))
+        config = self._asked = self.moving.placed(self.config, self.values)
+        if self.document is None:
+            self._judged(self.rollouts.judged(config))
+        elif not self._judging:
+            self._judge(self.document)
+        self.source.data.update(columns(self.rollouts.curves(config)))
+        self._drawn = time.monotonic()
+
+    def _judge(self, document: Document) -> None:
+        """Judge what the sliders ask for, in another thread; once more if they have moved meanwhile."""
+        self._judging, config = True, self._asked
+
+        def done(future: Future[Judged]) -> None:
+            self._judging = False
+            if config is not self._asked:
+                self._judge(document)
+            self._judged(future.result())
+
+        future = self.rollouts.judging(config)
+        future.add_done_callback(lambda f: document.add_next_tick_callback(partial(done, f)))
+
+    def _judged(self, judged: Judged) -> None:
+        self.shown = judged
         self._serial += 1
-        if self.document is not None:
-            self.document.hold("combine")  # one message for all
-        self.source.data.update(columns(self.shown.curves))
         self._write()
-        if self.document is not None:
-            self.document.unhold()
 
     def _write(self) -> None:
         self.table.text = table.table(self.config, self.shown, self.first, self._serial)

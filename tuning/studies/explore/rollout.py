@@ -1,8 +1,8 @@
-"""What the page shows, computed: two programs, compiled once, whose arguments are the numbers on the sliders."""
+"""What the page shows, computed: programs compiled once, whose arguments are the numbers on the sliders."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import jax
@@ -28,11 +28,10 @@ POINTS = 500  # of a curve, about as many as a screen has room for
 Leaves = dict[str, Any]  # arrays of NumPy, or of JAX within a program
 
 
-class Shown(NamedTuple):
-    """What stands on the page for one place of all sliders.
+class Judged(NamedTuple):
+    """What the table says for one place of all sliders.
 
     Attributes:
-        curves: samples by name, as `io.curves.of_run` has them; NaN where a number cannot be drawn.
         ok: whether the run stayed within `scenario.limit`.
         metrics: of the run, by name, as `agvjax simulate` has them.
         mean: over the vehicles.
@@ -40,7 +39,6 @@ class Shown(NamedTuple):
         lost: how many of the vehicles diverged.
     """
 
-    curves: dict[str, np.ndarray]
     ok: bool
     metrics: dict[str, float]
     mean: dict[str, float]
@@ -49,7 +47,7 @@ class Shown(NamedTuple):
 
 
 class Rollouts:
-    """The two programs of a problem: the configured vehicle's run, and the metrics of an ensemble of others.
+    """The programs of a problem: the configured vehicle's run, its metrics, and those of an ensemble of others.
 
     They are compiled in the background when this is made. What they are given has the same shapes at every call, so
     that nothing is compiled again: a program that exists takes no other.
@@ -59,28 +57,38 @@ class Rollouts:
         self.config, self.moving = config, moving
         self.names = metrics_of(config.scenario)
         values = self._leaves(config)
-        self._pool = ThreadPoolExecutor(2)
+        self._beside = ThreadPoolExecutor(1)
         settings = f"{dump(config)}{moving.leaves}{VEHICLES} {POINTS} explore"
         self._run = Ahead(self.run, f"{settings} run", values)
+        self._one = Ahead(self.one, f"{settings} one", values)
         self._many = Ahead(self.many, f"{settings} many", values, self._drawn(config))
 
     def ready(self) -> None:
-        """Wait until both are compiled."""
-        self._run.ready.result()
-        self._many.ready.result()
+        """Wait until all are compiled."""
+        for program in (self._run, self._one, self._many):
+            program.ready.result()
 
-    def shown(self, config: Config) -> Shown:
-        """What stands on the page for a configuration that differs from the first in what moves alone."""
-        values = self._leaves(config)
-        others = self._pool.submit(lambda: jax.device_get(self._many(values, self._drawn(config))))
-        drawn = jax.device_get(self._run(values))
-        numbers, ok, off = drawn.pop("metrics"), drawn.pop("ok"), mapped.origin(config.scenario)
+    def curves(self, config: Config) -> dict[str, np.ndarray]:
+        """The samples that are drawn, for a configuration that differs from the first in what moves alone.
+
+        By name, as `io.curves.of_run` has them; NaN where a number cannot be drawn.
+        """
+        drawn, off = jax.device_get(self._run(self._leaves(config))), mapped.origin(config.scenario)
         drawn |= {name: np.asarray(drawn[name], float) + off for name in ("path", "position")} if off.any() else {}
-        every, fine = others.result()
+        return {name: shown(x) for name, x in drawn.items()}
+
+    def judging(self, config: Config) -> Future[Judged]:
+        """What `judged` returns, computed in another thread."""
+        return self._beside.submit(self.judged, config)
+
+    def judged(self, config: Config) -> Judged:
+        """What the table says of such a configuration."""
+        values = self._leaves(config)
+        every, fine = jax.device_get(self._many(values, self._drawn(config)))
+        numbers, ok = jax.device_get(self._one(values))
         with np.errstate(invalid="ignore"):
             mean = every.mean(axis=1)
-        return Shown(
-            curves={name: shown(x) for name, x in drawn.items()},
+        return Judged(
             ok=bool(ok),
             metrics=dict(zip(self.names, numbers.tolist(), strict=True)),
             mean=dict(zip(self.names, mean.tolist(), strict=True)),
@@ -89,15 +97,19 @@ class Rollouts:
         )
 
     def run(self, values: Leaves) -> Leaves:
-        """One vehicle: the samples that are drawn, and its metrics (M,)."""
+        """One vehicle: the samples that are drawn."""
         timing = self.config.timing()
         law, scenario = self._trees(values)
         run = agvjax.simulate(law, scenario, save_every=_apart(timing.n_steps), **timing)
-        # rolled out again, from every step: that takes a fraction of the time of `measure` of as many samples
-        metrics = agvjax.evaluate(law, scenario, criteria=self.config.judged(delivered=True), **timing)
         some = np.unique(np.linspace(0, len(run.t) - 1, 2 * POINTS).round().astype(int))
-        picked = {name: x[some] for name, x in curves.of_run(run).items()}
-        return picked | {"metrics": self._stacked(metrics), "ok": run.ok}
+        return {name: x[some] for name, x in curves.of_run(run).items()}
+
+    def one(self, values: Leaves) -> tuple[Array, Array]:
+        """The same vehicle: its metrics (M,), of every step, and whether it did not diverge."""
+        law, scenario = self._trees(values)
+        criteria = self.config.judged(delivered=True)
+        metrics = agvjax.evaluate(law, scenario, criteria=criteria, **self.config.timing())
+        return self._stacked(metrics), metrics.ok
 
     def many(self, values: Leaves, drawn: Leaves) -> tuple[Array, Array]:
         """The ensemble: metrics (M, vehicles), and which runs did not diverge (vehicles,)."""

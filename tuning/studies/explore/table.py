@@ -9,7 +9,7 @@ from agvjax.metric_table import metrics_of
 from agvjax.metric_units import units_in
 
 from ...config.settings import FOLLOWED_METRICS, SWEPT_METRICS, Config
-from .rollout import VEHICLES, Shown
+from .rollout import VEHICLES, Judged
 
 STYLE = """<style>
 table.m { border-collapse: collapse; font-size: 12.5px; font-variant-numeric: tabular-nums; }
@@ -22,7 +22,7 @@ p.lost { color: #a11212; font-weight: bold; margin: 4px 0; }
 </style>"""
 
 
-def table(config: Config, now: Shown, before: Shown, serial: int = 0) -> str:
+def table(config: Config, now: Judged, before: Judged, serial: int = 0) -> str:
     """The table as HTML; `serial` says how often it was written."""
     heads = ("metric", "this run", f"mean of {VEHICLES}", f"worst of {VEHICLES}")
     lines = ["<tr>" + "".join(f"<th>{head}</th>" for head in heads) + "</tr>"]
@@ -56,7 +56,7 @@ def _number(name: str, value: float) -> str:
     return "not settled" if "settling" in name else "not finished" if "finish" in name else "-"
 
 
-def _lost(now: Shown) -> str:
+def _lost(now: Judged) -> str:
     """What has diverged, in words; empty where nothing has."""
     said = [] if now.ok else ["This run diverged and is frozen where it exceeded scenario.limit."]
     said += [f"{now.lost} of the {VEHICLES} vehicles diverged."] if now.lost else []

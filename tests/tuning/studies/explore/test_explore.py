@@ -3,11 +3,14 @@
 import logging
 import sys
 import time
+from collections import deque
+from concurrent.futures import Future
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bokeh.document import Document
 
 import agvjax
 from commands import files_of
@@ -93,7 +96,7 @@ def test_a_move_draws_what_a_run_with_these_numbers_is(page):
     moved = {"deadzone.position.threshold_right": 0.9, "start.position": jnp.array([-0.5, 0.25])}
     run = agvjax.simulate(law, agvjax.replace(scenario, moved), **TIMES)
     drawn = page.source.data
-    assert len(drawn["t"]) == 101 and not np.array_equal(drawn["position0"], page.first.curves["position"][:, 0])
+    assert len(drawn["t"]) == 101 and not np.array_equal(drawn["position0"], page._before.data["position0"])
     np.testing.assert_allclose(np.stack([drawn["position0"], drawn["position1"]], 1), run.position, atol=1e-12)
     np.testing.assert_allclose(drawn["errors2"], agvjax.tracking_error(run)[:, 2], atol=1e-12)
     np.testing.assert_allclose(drawn["asked2"], run.command[:, 2], atol=1e-9)
@@ -178,6 +181,30 @@ def test_reset_is_the_configuration_to_the_last_digit(page):
     page.reset()
     np.testing.assert_equal(page.shown.metrics, page.first.metrics)
     assert page.values["controller.k2"] == 20.0
+
+
+def test_a_table_that_comes_late_is_followed_by_that_of_the_last_move(rollouts, tmp_path, monkeypatch):
+    """A browser's page: the second and third move are made while the first is judged."""
+    document, todo, asked = Document(), deque(), []
+    monkeypatch.setattr(document, "add_next_tick_callback", todo.append)
+    monkeypatch.setattr(document, "add_timeout_callback", lambda function, wait: todo.append(function))
+    monkeypatch.setattr(rollouts, "judging", lambda config: asked.append((config, Future())) or asked[-1][1])
+    page = Page(rollouts, Desk(lambda: tmp_path, [], {}), document)
+    drawn = []
+    for k1 in (25.0, 31.0, 40.0):
+        page.handles["controller.k1"].value = np.log10(k1)
+        todo.popleft()()
+        drawn.append(page.source.data["position0"])
+        assert not todo and len(asked) == 1
+    assert not np.array_equal(drawn[1], drawn[2])
+    for k1 in (25.0, 40.0):
+        config, answer = asked.pop(0)
+        assert float(config.controller.k1) == pytest.approx(k1)
+        answer.set_result(rollouts.judged(config))
+        todo.popleft()()
+        run = agvjax.evaluate(config.controller, config.scenario, **config.timing())
+        assert page.shown.metrics["effort"] == pytest.approx(float(run.effort), rel=1e-9)
+    assert not todo and not asked
 
 
 def test_a_run_that_diverges_is_said_to_have(page):
