@@ -78,15 +78,22 @@ def corners(
     legs = []
     for first, last in itertools.pairwise(cuts):
         signs = np.sign(speeds[[part.line for part in parts[first:last]]])
-        if np.any(signs != signs[0]):
-            raise ValueError("speed must change its sign only where the lines turn back, by more than 170 degrees")
+        turned, rule = signs != signs[0], "where the lines turn back, by more than 170 degrees"
+        if turned.any():
+            raise ValueError(f"speed must change its sign only {rule}; not {_at(points, parts, first + turned.argmax())}")
         if legs and signs[0] == legs[-1].sign:
-            raise ValueError("speed must change its sign where the lines turn back, by more than 170 degrees")
+            raise ValueError(f"speed must change its sign {rule}; it keeps it {_at(points, parts, first)}")
         lines = Lines(parts[first:last], np.abs(speeds))
         ends = halts.get(parts[last].line, 0.0) if last < len(parts) else 0.0
         leg = Leg(lines, float(lines.marks[-1]), lines.speed, OFF, signs[0], dwell=ends)
         legs += leg.cut(_within(parts, first, lines.marks, halts))
     return Laid(legs, closed)
+
+
+def _at(points: np.ndarray, parts: Sequence[Part], number: int) -> str:
+    """Where the line of a part begins, in words."""
+    line = parts[number].line
+    return f"at point number {line + 1} ({points[line, 0]:.6g}, {points[line, 1]:.6g})"
 
 
 def _back(points: np.ndarray, number: int) -> bool:

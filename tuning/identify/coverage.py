@@ -48,7 +48,7 @@ def covered(scenario: agvjax.Scenario, logs: Sequence[Log]) -> Covered:
         if max(threshold.values()) > 0 and small.mean() < LITTLE:
             lacks.append(f"small commands of {actuator}, up to {SMALL * max(threshold.values()):.3g}")
         if turns < FEW:
-            lacks.append(f"{actuator} up and down")
+            lacks.append(f"commands of {actuator} that rise and fall")
     return Covered(shares, commands, lacks)
 
 

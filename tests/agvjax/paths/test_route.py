@@ -568,7 +568,11 @@ BAD = {
     ),
     "a turn that is none": (
         lambda: Route.corners([[0, 0], [2, 0], [2, 2]], [1, -1, -1], radius=0.1),
-        "speed must change its sign only where",
+        r"speed must change its sign only where .*; not at point number 2 \(2, 0\)",
+    ),
+    "a turn that keeps the sign": (
+        lambda: Route.corners([[0, 0], [2, 0], [2, 2], [2, 0]], 1.0, radius=0.1),
+        r"speed must change its sign where .*; it keeps it at point number 3 \(2, 2\)",
     ),
     "a radius too large": (
         lambda: Route.corners([[0, 0], [1, 0], [1, 1]], radius=2.0),

@@ -232,7 +232,7 @@ def test_what_a_drive_lacks_is_named():
         "drives backwards",
         "drives to the right",
         *of_each,
-        "left up and down",
-        "right up and down",
+        "commands of left that rise and fall",
+        "commands of right that rise and fall",
     }
     assert page.lacking(told).startswith("It lacks, or has hardly any: drives backwards, drives to the right, ")
