@@ -9,7 +9,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..metrics import tracking_error
-from ..protocols import Plant
+from ..paths.route import Route
+from ..protocols import Path, Plant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,24 +44,44 @@ def sheet(size: tuple[float, float], layout: Literal["constrained"] | None = "co
     return Figure(figsize=size, layout=layout)
 
 
-def path(runs: Runs, points: ArrayLike | None = None) -> Figure:
-    """The reference path and what the reference point of the vehicle did, in the plane; and the path's `points`."""
+def path(runs: Runs, points: ArrayLike | None = None, way: Path | None = None) -> Figure:
+    """The reference path and what the reference point of the vehicle did, in the plane.
+
+    Args:
+        runs: label -> trajectory.
+        points: (N, 2) [m] that the path was laid through.
+        way: the path; a route is drawn whole, with its stops, however far a run came.
+    """
     figure = sheet((5.2, 5.2))
-    draw_path(figure.add_subplot(), runs, points)
+    draw_path(figure.add_subplot(), runs, points, way)
     return complete(figure)
 
 
-def draw_path(axes: Any, runs: Runs, points: ArrayLike | None = None) -> None:
+def draw_path(axes: Any, runs: Runs, points: ArrayLike | None = None, way: Path | None = None) -> None:
     """The same on given axes."""
     if points is not None:
         axes.plot(*shown(points).T[:2], "+", color="tab:red", ms=7, label="waypoints")
-    first = next(iter(runs.values()))
-    axes.plot(*shown(first.reference_position).T, color="k", lw=0.8, label="path")
+    first, stops = next(iter(runs.values())), None
+    course = first.reference_position
+    if isinstance(way, Route):
+        course, stops = outline(way)
+    axes.plot(*shown(course).T, color="k", lw=0.8, label="path")
+    if stops is not None and len(stops):
+        axes.plot(*stops.T, "s", color="k", ms=6, fillstyle="none", label="stop")
     for (label, run), style in zip(runs.items(), _styles(runs), strict=False):
         axes.plot(*shown(run.position).T, label=label, **style)
     axes.plot(*shown(first.position[0]), "o", color="k", ms=4, label="start")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axes.legend(fontsize=8)
+
+
+def outline(route: Route) -> tuple[np.ndarray, np.ndarray]:
+    """A route by the coordinates of its map: where (n, 2) [m] its pieces begin and end, and where (m, 2) it stops."""
+    table, legs = np.asarray(route.table, float), np.asarray(route.legs)
+    x, y = table[:6], table[6:]  # by powers of the share of a piece
+    points = np.c_[np.append(x[0], x[:, -1].sum()), np.append(y[0], y[:, -1].sum())] + route.origin
+    begins, dwell = legs[2].astype(int), legs[4]
+    return points, points[begins[1:][dwell[:-1] > 0]]
 
 
 def errors(runs: Runs) -> Figure:

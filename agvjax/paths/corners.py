@@ -80,7 +80,8 @@ def corners(
         signs = np.sign(speeds[[part.line for part in parts[first:last]]])
         turned, rule = signs != signs[0], "where the lines turn back, by more than 170 degrees"
         if turned.any():
-            raise ValueError(f"speed must change its sign only {rule}; not {_at(points, parts, first + turned.argmax())}")
+            place = _at(points, parts, first + int(turned.argmax()))
+            raise ValueError(f"speed must change its sign only {rule}; not {place}")
         if legs and signs[0] == legs[-1].sign:
             raise ValueError(f"speed must change its sign {rule}; it keeps it {_at(points, parts, first)}")
         lines = Lines(parts[first:last], np.abs(speeds))

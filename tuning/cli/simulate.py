@@ -95,7 +95,7 @@ def _vehicle(config: Config) -> list[Fault]:
 def _drawings(trajectory: agvjax.Trajectory, scenario: agvjax.Scenario) -> dict[str, Drawing]:
     """The figures by name, not yet drawn."""
     plant, runs, points = scenario.plant, {"run": trajectory}, mapped.corners(scenario.path)
-    drawings: dict[str, Drawing] = {"path": lambda: plot.path(runs, points)}
+    drawings: dict[str, Drawing] = {"path": lambda: plot.path(runs, points, scenario.path)}
     drawings |= {"errors": lambda: plot.errors(runs), "commands": lambda: plot.commands(runs, plot.asked(plant))}
     if trajectory.route is not None:
         drawings["route"] = lambda: plot.route(trajectory)

@@ -19,7 +19,7 @@ from bokeh.plotting import figure
 from bokeh.resources import INLINE
 
 import agvjax
-from agvjax.draw.plot import shown
+from agvjax.draw.plot import outline, shown
 from agvjax.protocols import Plant
 
 from .curves import columns, error_labels, of_run
@@ -86,7 +86,11 @@ def figures(
         names: of these.
     """
     path = figure(height=380, match_aspect=True, title="Path", x_axis_label="x [m]", y_axis_label="y [m]", **_usual())
-    path.line("path0", "path1", source=before, color="black", line_width=1, legend_label="path")
+    black: Keywords = {"color": "black", "line_width": 1, "legend_label": "path"}
+    if isinstance(scenario.path, agvjax.Route):  # whole, however far a run came
+        path.line(*outline(scenario.path)[0].T, **black)
+    else:
+        path.line("path0", "path1", source=before, **black)
     path.line("position0", "position1", source=before, legend_label=names[1], **_grey())
     path.line("position0", "position1", source=now, color=NOW, line_width=2, legend_label=names[0])
     path.toolbar.update(autohide=True, logo=None)

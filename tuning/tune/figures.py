@@ -130,8 +130,9 @@ def tracking_figure(
     title: str,
     points: np.ndarray | None = None,
     unit: str = "m/s^2",
+    way: agvjax.Path | None = None,
 ) -> Figure:
-    """Path with the `points` that it was laid through, size of the errors and of the commands, before and after.
+    """Path, size of the errors and of the commands, before and after; `points` and `way` as of `plot.path`.
 
     `unit` is that of a command: of a vehicle that is sent a speed, its speed is drawn.
     """
@@ -141,7 +142,7 @@ def tracking_figure(
     twist, heading = unit == "m/s", np.shape(before.command)[-1] == 3
     names = ["position", *(["heading"] if heading else []), "command", *(["turn"] if twist else [])]
     parts = figure.subplot_mosaic([["path", name] for name in names], width_ratios=[1, 1.4])
-    plot.draw_path(parts["path"], runs, points)
+    plot.draw_path(parts["path"], runs, points, way)
     if (legend := parts["path"].get_legend()) is not None:
         legend.remove()
     figure.legend(*parts["path"].get_legend_handles_labels(), fontsize=9, ncols=5, loc="outside lower center")

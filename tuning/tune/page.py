@@ -265,7 +265,7 @@ def write(outcome: Outcome, verdict: TuneVerdict, out: Path, appendix: str, reco
         laws = {"before": config.controller, "after": outcome.controller}
         runs[name] = {which: _run(config, law, scene) for which, law in laws.items()}
         points = mapped.corners(scene.path)
-        drawings[name] = partial(figures.tracking_figure, *runs[name].values(), title, points, unit)
+        drawings[name] = partial(figures.tracking_figure, *runs[name].values(), title, points, unit, scene.path)
     start = tuner.gains.values(tuner.gains.coordinates(config.controller), config.controller)
     drawings["history"] = partial(figures.history_figure, tuner.gains.names, start, outcome.run)
     drawings["sensitivity"] = partial(figures.sensitivity_figure, verdict.findings)

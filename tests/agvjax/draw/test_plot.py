@@ -1,11 +1,13 @@
 """Figures of runs whose numbers are huge, tiny, constant or not finite: drawn, and what is left out is said."""
 
+import dataclasses
 import io
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from agvjax import Route
 from agvjax.draw import animate, plot
 from runs import trajectory
 
@@ -67,3 +69,21 @@ def test_an_animation_is_of_what_can_be_shown(value):
 
 def test_what_is_shown_is_as_it_was_or_a_gap():
     np.testing.assert_array_equal(plot.shown([1, -2.5, 1e100, 1e101, -np.inf, np.nan]), [1, -2.5, 1e100, *[np.nan] * 3])
+
+
+def test_a_route_is_drawn_whole_with_its_stops_by_its_map_however_far_a_run_came():
+    """A run that never left the first metre; on the way the vehicle stands at (4, 0), at the end it just ends."""
+    points, dwell = [[0, 0], [4, 0], [4, 3], [0, 3]], [0, 2.0, 0, 0]
+    route = dataclasses.replace(Route.corners(points, radius=0.5, dwell=dwell), origin=(100.0, 50.0))
+    course, stops = plot.outline(route)
+    np.testing.assert_allclose(course[[0, -1]], [[100, 50], [100, 53]], atol=1e-9)
+    middle = [103.5 + 0.5 / np.sqrt(2), 50.5 - 0.5 / np.sqrt(2)]  # of the arc at the corner
+    np.testing.assert_allclose(stops, [middle], atol=1e-6)
+    assert np.abs(course[:, 1] - 50).min(initial=9, where=course[:, 0] < 103) == 0 and course[:, 0].max() <= 104 + 1e-6
+    axes = plot.path({"run": odd(0.1, 0)}, way=route).axes[0]
+    drawn = {line.get_label(): np.stack(line.get_data(), 1) for line in axes.get_lines()}
+    np.testing.assert_array_equal(drawn["path"], course)
+    np.testing.assert_array_equal(drawn["stop"], stops)
+    closed = plot.outline(Route.corners(points, radius=0.5, closed=True))
+    np.testing.assert_allclose(closed[0][0], closed[0][-1], atol=1e-9)
+    assert len(closed[1]) == 0

@@ -8,7 +8,6 @@ import numpy as np
 
 from agvjax.draw import plot
 
-from ...config import mapped
 from ...config.settings import Config
 from ...io.panels import panels
 from .place import Place
@@ -79,12 +78,10 @@ def places(found: list[Place], config: Config) -> Figure:
 
 
 def _place(drawn: Figure, axes: Any, place: Place, config: Config) -> None:
-    beside, route = cast(Any, place.run.route), mapped.laid(cast(Any, config.scenario.path))
+    beside = cast(Any, place.run.route)
     counts = np.asarray(place.run.t) >= late(config, place.tried.factor)
     path = np.asarray(beside.position)
-    knots = np.asarray(route.table)[[0, 6]]  # where pieces begin
-    knots = np.c_[knots, knots[:, :1]] if route.closed else knots
-    axes.plot(*knots, color="0.75", lw=5, solid_capstyle="round", zorder=1)
+    axes.plot(*plot.outline(cast(Any, config.scenario.path))[0].T, color="0.75", lw=5, solid_capstyle="round", zorder=1)
     keep = np.flatnonzero(counts)[:: max(1, int(counts.sum()) // DOTS)]
     off = 1e3 * np.abs(np.asarray(beside.cross_track))
     dots = axes.scatter(*path[keep].T, c=off[keep], s=5, cmap="viridis", vmin=0, zorder=2)
