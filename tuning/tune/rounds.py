@@ -138,20 +138,15 @@ def solve(
     run = _begun(problem, run, looking)
     problem = in_units_of(problem, run.screened.unit) if run.screened is not None else problem
     problem = with_added(problem, run.added) if run.added else problem
-    before = None
     while True:
         run, metrics = _held(problem, run, each, looking)
-        reason, stopped = _hindrance(run), ""
-        if reason and before is not None:
-            said = f"round {run.round}, with the worst scenarios added, made no progress: no gradient was usable"
-            return before._replace(stopped=f"{said}; the gains are those of the previous round")
-        if reason:
-            run, stopped = _looked_at(run, reason)
+        reason = _hindrance(run)
+        run, stopped = _known(problem, run, reason) if reason else (run, "")
         searching()
-        before = _outcome(problem, run, stopped)._replace(metrics=metrics)
-        if stopped or run.round >= problem.config.tune.search.rounds or not before.worse:
-            return before
-        problem, run = _again(before)
+        outcome = _outcome(problem, run, stopped)._replace(metrics=metrics)
+        if stopped or run.round >= problem.config.tune.search.rounds or not outcome.worse:
+            return outcome
+        problem, run = _again(outcome)
 
 
 def _begun(problem: TuningProblem, run: Run | None, looking: Callable[[int, int], None]) -> Run:
@@ -270,18 +265,26 @@ def _let_go(problem: TuningProblem, run: Run) -> Run | None:
     return run._replace(searches=(*run.searches, problem.tuner.begin(run.lead.best_z, run.moving | more)))
 
 
-def _looked_at(run: Run, reason: str) -> tuple[Run, str]:
-    """The run with the best gain set of the screening in the lead, where no search came to anything, and a word on it.
+def _known(problem: TuningProblem, run: Run, reason: str) -> tuple[Run, str]:
+    """The run with the best gains that are known in the lead, where no search came to anything, and a word on it.
+
+    Those that a later round began with; in the first round the best gain set of the screening.
 
     Raises:
         RuntimeError: there was no screening.
     """
-    if run.screened is None:
+    if run.round:
+        z = run.lead.best_z
+        excess, goal = problem.tuner.objective.ranks(problem.tuner.cost_of(*problem.tuner.judged(z))[1])
+        said = f"round {run.round}, with the worst scenarios added, made no progress: no gradient was usable"
+        stopped = f"{said}; the gains are those of the previous round"
+    elif run.screened is None:
         raise RuntimeError(reason)
-    excess, goal = (float(x) for x in run.screened.ranks[0])
-    leader = run.lead._replace(best_z=run.screened.places[0], best=(excess, goal))
-    tried = f"no gradient was usable from any of {len(run.searches)} starting points"
-    stopped = f"{tried}: these are the best of {run.screened.looked} gain sets; tune.optimizer = cma needs no gradient"
+    else:
+        (excess, goal), z = run.screened.ranks[0], run.screened.places[0]
+        tried = f"no gradient was usable from any of {len(run.searches)} starting points"
+        stopped = f"{tried}: these are the best of {run.screened.looked} gain sets; tune.optimizer = cma needs none"
+    leader = run.lead._replace(best_z=z, best=(float(excess), float(goal)))
     return run._replace(searches=(leader, *(p for p in run.searches if p is not run.lead))), stopped
 
 

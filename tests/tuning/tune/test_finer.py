@@ -1,5 +1,6 @@
 """Limits that hold at the step of tuning and not at the finer one: bounds are tightened until both hold."""
 
+import dataclasses
 import types
 
 import jax
@@ -97,3 +98,29 @@ def test_bounds_are_tightened_by_their_own_excess_and_others_stay():
     np.testing.assert_allclose(again, [(0.9995 / 1.05) ** 2, 1.0, 1.0], rtol=1e-12)
     Seen.table = Seen.table | {"effort": [1.9, 2.0]}
     assert tighter(problem, (Seen(), Seen()), found) is None
+
+
+def test_a_round_without_a_usable_gradient_keeps_the_gains_that_it_began_with_also_when_resumed(tmp_path, monkeypatch):
+    """It used to take the best gain set of the screening when resumed, or to end where there was none."""
+    search = Search(scouts=4, checks=0, starts=1, iterations=1, rounds=1, tolerance=0.0)
+    tune = dataclasses.replace(coarse().tune, search=search, iterations=4, limits={})
+    problem = pose(dataclasses.replace(coarse(), tune=tune))
+    method, again, tuned, runs = type(problem.tuner.method), rounds._again, [], []
+
+    def spoil(outcome):
+        tuned.append(outcome)
+        monkeypatch.setattr(method, "usable", lambda *given: False)
+        return again(outcome)
+
+    monkeypatch.setattr(rounds, "_again", spoil)
+    whole = solve(problem, each=runs.append)
+    (first,) = tuned
+    assert "round 1, with the worst scenarios added, made no progress" in whole.stopped
+    assert first.run.lead.best_iteration > 0  # it had gained something, which the starting gains are without
+    save(tmp_path, next(run for run in runs if run.round == 1))
+    resumed = solve(problem, load(tmp_path, begin(problem)))
+    for outcome in (whole, resumed):
+        np.testing.assert_array_equal(outcome.run.lead.best_z, first.run.lead.best_z)
+        assert np.isfinite(outcome.run.lead.best[1])
+    assert (whole.stopped, whole.rounds, whole.run.history) == (resumed.stopped, resumed.rounds, resumed.run.history)
+    assert "the gains are those of the previous round" in markdown(whole, judge(whole))
