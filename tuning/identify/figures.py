@@ -146,11 +146,17 @@ def residuals(fit: Fit, verdict: FitVerdict) -> Figure:
     return figure
 
 
+def left_of(task: Task, fit: Fit) -> list[float]:
+    """What each log's positions leave, the sum of squares [m^2]."""
+    places = [fit.model.channels.index(name) for name in ("x", "y")]
+    off = np.where(fit.segments.weight[..., places] > 0, fit.sums.residual[..., places], 0.0)
+    return [float((off[fit.segments.log == i] ** 2).sum()) for i in range(len(task.logs))]
+
+
 def paths(task: Task, fit: Fit) -> Figure:
     """Where the vehicle was, and where the model has it in every stretch."""
     x, y = (fit.model.channels.index(name) for name in ("x", "y"))
-    off = np.where(fit.segments.weight[..., [x, y]] > 0, fit.sums.residual[..., [x, y]], 0.0)
-    errors = [float((off[fit.segments.log == i] ** 2).sum()) for i in range(len(task.logs))]
+    errors = left_of(task, fit)
     picked = worst(errors)
     figure, axes = _tiles(len(picked), 4.8)
     _say_which(figure, picked, errors)

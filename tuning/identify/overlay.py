@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..io.viewers import Track
+from ..io.curves import Track
 from .fit import Fit
 from .log import POSE, Log
 
@@ -18,11 +18,15 @@ def overlay(logs: Sequence[Log], fit: Fit) -> dict[str, Track]:
     beside the model's how far off it was [m, rad], NaN where nothing was measured or it was left out as an outlier.
     """
     tracks = {}
-    for i, log in enumerate(logs):
+    for i, both in enumerate(compared(logs, fit)):
         prefix = f"log{i + 1}/" if len(logs) > 1 else ""
-        tracks[f"{prefix}measured"] = _measured(log)
-        tracks[f"{prefix}model"] = _predicted(log, fit, i)
+        tracks |= {f"{prefix}{which}": track for which, track in zip(("measured", "model"), both, strict=True)}
     return tracks
+
+
+def compared(logs: Sequence[Log], fit: Fit) -> list[tuple[Track, Track]]:
+    """Of every log what was measured and what the model makes of it."""
+    return [(_measured(log), _predicted(log, fit, i)) for i, log in enumerate(logs)]
 
 
 def _measured(log: Log) -> Track:

@@ -13,13 +13,14 @@ from .. import config as configuration
 from ..config.settings import Config
 from ..io import files, statements
 from ..io.files import Json
-from ..io.pages import grid, picture, publish
+from ..io.pages import grid, look_at_logs, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
 from .coverage import Covered
 from .excitation import Drive
 from .left import against
 from .log import Log, in_files
+from .overlay import compared
 from .posterior import ESTIMATES, SCENARIO, posterior
 from .run import Identified
 from .verdict import FitVerdict
@@ -62,7 +63,7 @@ TUNE = (
 
 def write(config: Config, result: Identified, out: Path) -> str:
     """Everything into a folder; returns what is printed."""
-    fit, verdict = result.fit, result.verdict
+    fit, verdict, logs = result.fit, result.verdict, result.task.logs
     tuned = posterior(config, fit, verdict)
     files.write(out / SCENARIO, configuration.dump(tuned))
     files.write_json(out / ESTIMATES, estimates(result))
@@ -78,7 +79,9 @@ def write(config: Config, result: Identified, out: Path) -> str:
     lost = write_figures(out, drawn)
     if result.drive is not None:
         lost += _write_drive(result.drive, out)
-    text = page(result, tuned, "deadzones" in drawn)
+    tracks, picked = compared(logs, fit), figures.worst(figures.left_of(result.task, fit))
+    both = [(logs[i].name, *tracks[i]) for i in picked]
+    text = page(result, tuned, "deadzones" in drawn, look_at_logs(out, both))
     publish(out, text, (ABSENT, READ))
     return "\n\n".join([brief(result), *lost])
 
@@ -205,8 +208,8 @@ def _warnings(result: Identified) -> list[str]:
 
 
 # long: one part of the page after the other
-def page(result: Identified, tuned: Config, deadzones: bool) -> str:
-    """The text of `report.md`; the problem to tune for, and whether there is a figure of deadzones."""
+def page(result: Identified, tuned: Config, deadzones: bool, closer: str = "") -> str:
+    """The text of `report.md`: the problem to tune for, whether there is a figure of deadzones, a link to others."""
     everything, drive, predictions = result.verdict.estimates, result.drive, result.predictions
     lost = [[e.name, e.reason, e.drive, _instead(tuned, e.name)] for e in everything if e.drive]
     absent = [[e.name, e.reason] for e in everything if e.absent]
@@ -250,6 +253,7 @@ def page(result: Identified, tuned: Config, deadzones: bool) -> str:
         "## Residuals",
         _picture("residuals"),
         _picture("paths"),
+        *([closer] if closer else []),
     ]
     parts += ["## Tune for it", TUNE] if result.verdict.identified else []
     return "\n\n".join(parts) + "\n"

@@ -1,4 +1,4 @@
-"""Runs as interactive figures: those of `agvjax explore`, and a page of its own to look closer at, without a network.
+"""Runs and recordings as interactive figures: those of `agvjax explore`, and pages to look closer, without a network.
 
 Bokeh, of the extra `explore`, is imported with this module.
 """
@@ -22,7 +22,7 @@ import agvjax
 from agvjax.draw.plot import outline, shown
 from agvjax.protocols import Plant
 
-from .curves import columns, error_labels, of_run
+from .curves import Track, columns, error_labels, of_run
 from .files import write
 
 HEIGHT = 140  # px, of a curve over time
@@ -56,6 +56,53 @@ def write_page(path: Path, scenes: Mapping[str, tuple[agvjax.Scenario, Sequence[
     write(path, _numbered(text))
 
 
+def write_logs(path: Path, logs: Sequence[tuple[str, Track, Track]]) -> None:
+    """Such a page of recordings and what a model makes of them.
+
+    Args:
+        path: of the file.
+        logs: the name of each, what was measured and sent, and the model, with how far off it was.
+    """
+    parts: list[UIElement] = [Div(text=f"<h1>Recordings and the model</h1><p>{HELP}</p>")]
+    for title, *tracks in logs:
+        every = [-(-len(track.t) // MOST) for track in tracks]
+        for what, one in zip(("what was measured", "the model"), every, strict=True):
+            title += f"; of {what} one sample in {one}" if one > 1 else ""
+        plane, *others = _compared(*map(_thinned, tracks, every))
+        curves = column(*others, sizing_mode="stretch_width")
+        parts += [Div(text=f"<h2>{escape(title)}</h2>"), row(plane, curves, sizing_mode="stretch_width")]
+    text = file_html(column(*parts, sizing_mode="stretch_width"), INLINE, "agvjax: recordings")
+    write(path, _numbered(text))
+
+
+def _thinned(track: Track, every: int) -> Track:
+    numbers = {name: x[::every] for name, x in track.numbers.items()}
+    return track._replace(t=track.t[::every], pose=track.pose[::every], numbers=numbers)
+
+
+def _compared(measured: Track, model: Track) -> list[figure]:
+    """The plane; over time what is left of position and heading, and each command that was sent."""
+    plane = _plane("Measured and modelled")
+    plane.scatter(*measured.pose.T[:2], color=BEFORE, size=3, legend_label="measured")
+    plane.line(*_gaps(model.t, model.pose).T[:2], color=NOW, line_width=1.6, legend_label="model")
+    _legend(plane, "top_right")
+    time, found = Range1d(start=float(measured.t[0]), end=float(measured.t[-1])), [plane]
+    off = {"Off in position [mm]": ("position", 1e3), "Off in heading [deg]": ("heading", np.degrees(1.0))}
+    for title, (name, scale) in off.items():
+        found.append(_over_time(title, time))
+        found[-1].scatter(model.t, shown(scale * model.numbers[f"error/{name}"]), color=NOW, size=2)
+    for name, values in measured.numbers.items():
+        found.append(_over_time(f"Sent: {name.rpartition('/')[2].replace('_', ' ')}", time))
+        found[-1].step(measured.t, shown(values), mode="after", color=DELIVERED, line_width=1.4)
+    return _timed(found)
+
+
+def _gaps(t: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Poses with a gap wherever a stretch ends: the model begins the next one anew."""
+    ends = np.flatnonzero(np.diff(t) > 2.5 * np.median(np.diff(t))) + 1 if len(t) > 2 else []
+    return np.insert(shown(pose), ends, np.nan, axis=0)
+
+
 def _table(run: agvjax.Trajectory, every: int) -> Keywords:
     return dict(columns({name: shown(x)[::every] for name, x in of_run(run).items()}))
 
@@ -85,7 +132,7 @@ def figures(
         before: another, drawn in grey.
         names: of these.
     """
-    path = figure(height=380, match_aspect=True, title="Path", x_axis_label="x [m]", y_axis_label="y [m]", **_usual())
+    path = _plane("Path")
     black: Keywords = {"color": "black", "line_width": 1, "legend_label": "path"}
     if isinstance(scenario.path, agvjax.Route):  # whole, however far a run came
         path.line(*outline(scenario.path)[0].T, **black)
@@ -93,7 +140,6 @@ def figures(
         path.line("path0", "path1", source=before, **black)
     path.line("position0", "position1", source=before, legend_label=names[1], **_grey())
     path.line("position0", "position1", source=now, color=NOW, line_width=2, legend_label=names[0])
-    path.toolbar.update(autohide=True, logo=None)
     _legend(path, "top_right")
     errors = []
     for i, (name, unit) in enumerate(error_labels(scenario)):
@@ -114,9 +160,21 @@ def _actuators(plant: Plant, time: Range1d, now: ColumnDataSource, before: Colum
         drawn.legend.visible = not i
         _legend(drawn, "bottom_right")
         found.append(drawn)
-    found[-1].xaxis.axis_label = "time [s]"
-    found[-1].height += 20
-    return found
+    return _timed(found)
+
+
+def _timed(figures: list[figure]) -> list[figure]:
+    """The figures, the lowest with the name of the axis below all."""
+    figures[-1].xaxis.axis_label = "time [s]"
+    figures[-1].height = HEIGHT + 20
+    return figures
+
+
+def _plane(title: str) -> figure:
+    """An empty figure of the plane."""
+    drawn = figure(height=380, match_aspect=True, title=title, x_axis_label="x [m]", y_axis_label="y [m]", **_usual())
+    drawn.toolbar.update(autohide=True, logo=None)
+    return drawn
 
 
 def _over_time(title: str, time: Range1d) -> figure:

@@ -1,14 +1,31 @@
-"""The curves of a run that an interactive figure shows."""
+"""The curves that interactive figures and viewers show: of a run by name, of a recording or a model as a track."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 import agvjax
+
+
+class Track(NamedTuple):
+    """Poses over time, and numbers beside them.
+
+    Attributes:
+        t: times (N,) [s].
+        pose: x, y [m] and heading [rad] (N, 3).
+        numbers: by topic, each (N,).
+        units: of numbers, by topic, where they are known.
+    """
+
+    t: np.ndarray
+    pose: np.ndarray
+    numbers: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
 
 
 def of_run(run: agvjax.Trajectory) -> dict[str, Array]:

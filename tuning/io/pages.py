@@ -11,12 +11,16 @@ import time
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from markdown_it import MarkdownIt
 
 import agvjax
 
 from .files import write
+
+if TYPE_CHECKING:
+    from .curves import Track
 
 CONTENTS = 5  # sections from which on a page begins with a list of them
 
@@ -75,6 +79,16 @@ def look_closer(folder: Path, scenes: Mapping[str, tuple[agvjax.Scenario, Sequen
 
     write_page(folder / "runs.html", scenes)
     return "[Look closer](runs.html): path, errors and commands of the runs in this report, to zoom into."
+
+
+def look_at_logs(folder: Path, logs: Sequence[tuple[str, Track, Track]]) -> str:
+    """The same of recordings, `logs.html`: the name of each, what was measured and what the model makes of it."""
+    if importlib.util.find_spec("bokeh") is None:
+        return ""
+    from .closer import write_logs  # late, as above
+
+    write_logs(folder / "logs.html", logs)
+    return "[Look closer](logs.html): each recording and what the model makes of it, to zoom into."
 
 
 def made() -> str:

@@ -4,4 +4,3 @@ from .options import Asked as Asked
 from .options import asked as asked
 from .options import write_runs as write_runs
 from .options import write_tracks as write_tracks
-from .told import Track as Track

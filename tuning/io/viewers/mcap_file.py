@@ -16,8 +16,9 @@ from jaxtyping import ArrayLike
 
 import agvjax
 
+from ..curves import Track
 from ..logs.recording import Part
-from .told import Run, Track
+from .told import Run
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -13,9 +13,10 @@ import agvjax
 from agvjax import Fault, InputError
 from agvjax.protocols import Plant
 
+from ..curves import Track
 from ..files import write_by
 from . import mcap_file, rerun_file
-from .told import Track, of_run
+from .told import of_run
 
 INSTALL = "pip install 'agvjax[viewer]'"
 KINDS = {"mcap": mcap_file, "rerun": rerun_file}  # by option what writes it

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 
-from .told import Run, Track
+from ..curves import Track
+from .told import Run
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -14,24 +13,10 @@ from agvjax.geometry import into_body, into_plane
 from agvjax.metrics import tracking_error
 from agvjax.protocols import Plant
 
+from ..curves import Track
+
 TWIST = 2  # numbers of a command that is a speed and a yaw rate
 ROUTE = {"cross_track": "m", "heading_error": "rad", "ahead": "m"}  # errors of a run along a route
-
-
-class Track(NamedTuple):
-    """Poses over time, and numbers beside them.
-
-    Attributes:
-        t: times (N,) [s].
-        pose: x, y [m] and heading [rad] (N, 3).
-        numbers: by topic, each (N,).
-        units: of numbers, by topic, where they are known.
-    """
-
-    t: np.ndarray
-    pose: np.ndarray
-    numbers: Mapping[str, np.ndarray]
-    units: Mapping[str, str]
 
 
 class Run(NamedTuple):

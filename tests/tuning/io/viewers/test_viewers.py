@@ -10,11 +10,12 @@ import agvjax
 from agvjax import InputError
 from runs import trajectory
 from tuning.cli.main import main
+from tuning.io.curves import Track
 from tuning.io.logs import read
 from tuning.io.logs.roles import chosen
 from tuning.io.logs.rows import table
 from tuning.io.viewers import Asked, mcap_file, options, rerun_file
-from tuning.io.viewers.told import Track, of_run
+from tuning.io.viewers.told import of_run
 
 SPEED, YAW_RATE, LEVER = 0.8, 0.4, 0.5
 
