@@ -29,6 +29,7 @@ def write_figures(folder: Path, drawings: Mapping[str, Drawing], ending: str = "
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore", RuntimeWarning)  # NumPy's, of numbers that overflow or are none
                 warnings.filterwarnings("ignore", "Attempting to set identical")  # matplotlib makes room by itself
+                warnings.filterwarnings("ignore", "Creating legend")  # that takes a second on a busy machine
                 _write(path, drawing())
         except FAILURES as error:
             why = f"{path.name} could not be drawn, its numbers are too large or not finite"

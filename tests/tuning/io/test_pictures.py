@@ -1,5 +1,9 @@
 """Figures that cannot be drawn become pictures that say so; those of the commands are drawn whatever their numbers."""
 
+import io
+import itertools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -49,6 +53,21 @@ def test_what_cannot_be_drawn_is_said_in_its_place_and_the_others_are_drawn(tmp_
     sizes = [imread(tmp_path / f"{name}.png").shape[:2] for name in drawings]
     assert sizes[0] == sizes[3] and sizes[1] == sizes[2] != sizes[0]
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.png" for name in sorted(drawings)]
+
+
+def test_a_busy_machine_is_told_nothing_of_legends(tmp_path, monkeypatch):
+    """matplotlib warns where the best place of a legend takes it a second, here by a clock that runs fast."""
+
+    def with_legend():
+        figure = sound()
+        figure.axes[0].plot([0, 1], label="one")
+        figure.axes[0].legend()
+        return figure
+
+    monkeypatch.setattr("matplotlib.legend.time", SimpleNamespace(perf_counter=itertools.count(step=2).__next__))
+    with pytest.warns(UserWarning, match="Creating legend"):
+        with_legend().savefig(io.BytesIO())
+    assert write_figures(tmp_path, {"a": with_legend}) == []  # a warning is an error here
 
 
 def odd(value):
