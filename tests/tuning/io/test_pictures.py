@@ -56,7 +56,7 @@ def test_what_cannot_be_drawn_is_said_in_its_place_and_the_others_are_drawn(tmp_
 
 
 def test_a_busy_machine_is_told_nothing_of_legends(tmp_path, monkeypatch):
-    """matplotlib warns where the best place of a legend takes it a second, here by a clock that runs fast."""
+    """Matplotlib warns where the best place of a legend takes it a second, here by a clock that runs fast."""
 
     def with_legend():
         figure = sound()
