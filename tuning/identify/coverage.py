@@ -14,6 +14,7 @@ from .log import Log, columns_of
 from .plain import twists
 
 STANDS = 0.05  # of the usual speed, and of the usual yaw rate: less is standing, and straight on
+PAST = 0.02  # share of an end of the vehicle's by which a command is beyond it
 LITTLE = 0.03  # share of the time: less of something is hardly any
 SMALL = 2.0  # thresholds that are assumed: commands up to that are small
 FEW = 10  # times that a command goes up or down, by which a delay is told
@@ -50,6 +51,22 @@ def covered(scenario: agvjax.Scenario, logs: Sequence[Log]) -> Covered:
         if turns < FEW:
             lacks.append(f"commands of {actuator} that rise and fall")
     return Covered(shares, commands, lacks)
+
+
+def beyond(scenario: agvjax.Scenario, covered: Covered) -> list[str]:
+    """Commands that the assumed vehicle cannot follow, as it ends sooner: no fit of the rest makes up for that."""
+    plant, said = scenario.plant, []
+    for actuator, *ends, _, _ in covered.commands:
+        given = np.asarray(scenario.deadzone[actuator](np.array(ends, float)), float)
+        reach = np.array(plant.reach().get(actuator, (-np.inf, np.inf)))
+        if np.any(over := np.sign(reach) * (given - reach) > PAST * np.abs(reach)):
+            side, unit = int(np.argmax(over)), plant.units.get(actuator, "")
+            said.append(
+                f"{actuator} was sent up to {ends[side]:.3g} {unit}, and the assumed vehicle ends at {reach[side]:.4g}"
+                f" {unit}: if yours goes further, set it (scenario.plant, largest_angle of an ackermann), or other"
+                " numbers are found wrong in its place."
+            )
+    return said
 
 
 def motions(v: np.ndarray, w: np.ndarray, stands: float, straight: float) -> dict[str, np.ndarray]:

@@ -23,10 +23,12 @@ from ..io.logs.roles import chosen
 from ..io.logs.rows import Rows
 from ..io.logs.rows import table as rows_of
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
+from .model import steers
 from .plausible import AS_QUATERNION, implausible
 
 ON_EARTH = ("lat", "lon")  # [deg], in place of x and y
 TWIST = ("cmd_v", "cmd_w")  # speed [m/s] and yaw rate [rad/s], as ROS sends them
+ANGLE = "steering_angle"  # measured [rad]
 NONE = Column("")
 NOT_NAMED: Mapping[str, str] = {}
 Count = Callable[[int], object]  # is told how many more rows or messages were read
@@ -101,6 +103,12 @@ def load(
         raise agvjax.InputError(faults)
     origin, given = float(values["t"][0]), np.column_stack([values[name] for name in tongue])
     seen = {name: values[name] for name in MEASURED if name in values}
+    if ANGLE in seen and not steers(plant):
+        if ANGLE in columns:
+            rule = f"left out: {type(plant).__name__} has no wheel that is steered"
+            raise agvjax.InputError([Fault(f"identify.columns.{ANGLE}", where[ANGLE].words, rule)])
+        del seen[ANGLE]
+        notes = (*notes, f"{ANGLE} is not used: {type(plant).__name__} has no wheel that is steered")
     into = functools.partial(inputs_of, plant) if isinstance(plant, Driven) and tongue == TWIST else np.asarray
     spoken = Sent(tongue, given, into)
     log = Log(Path(file).name, origin, values["t"] - origin, into(given), commands, seen, spoken, notes)

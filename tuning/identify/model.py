@@ -41,8 +41,25 @@ def channels(
     along, _ = into_body(seen.velocity, seen.heading)
     values: Inputs = {"x": seen.position[0], "y": seen.position[1], "heading": seen.heading}
     values |= {"vx": seen.velocity[0], "vy": seen.velocity[1], "speed": along}
-    values |= {"yaw_rate": seen.yaw_rate, "steering_angle": seen.steering_angle}
+    values |= {"yaw_rate": seen.yaw_rate}
+    if (angle := steered(plant, state, seen)) is not None:
+        values |= {"steering_angle": angle}
     return jnp.stack([values[name] for name in names])
+
+
+def steered(plant: Plant, state: PyTree, seen: agvjax.Measurement) -> Array | None:
+    """The angle [rad] of the wheel that is steered; None where none is. No law is told that of an `Ackermann`."""
+    return state.reached[1] if isinstance(plant, agvjax.Ackermann) else seen.steering_angle
+
+
+def steers(plant: Plant) -> bool:
+    """Whether it has such an angle; computes nothing."""
+
+    def angle() -> Array | None:
+        state = plant.start(agvjax.Start())
+        return steered(plant, state, plant.output(state, dict.fromkeys(plant.actuators, jnp.zeros(()))))
+
+    return jax.eval_shape(angle) is not None
 
 
 class Model(NamedTuple):

@@ -16,7 +16,7 @@ from ..io.files import Json
 from ..io.pages import grid, look_at_logs, picture, publish
 from ..io.pictures import Drawing, write_figures
 from . import figures
-from .coverage import Covered
+from .coverage import Covered, beyond
 from .excitation import Drive
 from .left import against
 from .log import Log, in_files
@@ -197,7 +197,7 @@ def _warnings(result: Identified) -> list[str]:
         f"{outliers} of {rows} measurements were left out as outliers: too many for a sound log.": (
             outliers > MANY * rows
         ),
-        **dict.fromkeys(against(verdict.left), True),
+        **dict.fromkeys([*beyond(result.task.model.scenario, result.covered), *against(verdict.left)], True),
         f"Only 1 of {starts} starts ended at the best fit: try more, identify.starts.": best == 1 < starts,
         f"Only {stretches} stretches: the bootstrap says little; record a longer drive.": stretches < FEW,
         "The logs have no clock in common: no sinusoid in the disturbance was looked for.": (

@@ -1,6 +1,7 @@
 """Columns of logs as robots write them: quaternions, twists, steering angles, points that are not the reference."""
 
 import csv
+import dataclasses
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tuning import config as configuration
 from tuning.config.load import resolve
 from tuning.identify.load import load
 from tuning.identify.log import Log, Sent
+from tuning.identify.model import channels
 from tuning.identify.segments import cut, leaps, with_inputs
 from tuning.io.csv_file import Column, units_like
 
@@ -269,3 +271,19 @@ def test_latitudes_that_are_none_are_refused(refusal):
     places = {"lat": Column("y"), "lon": Column("x")}
     assert "must be degrees" in refusal({**drive, "y": drive["y"] + 98.0}, places=places).rule
     assert "no column lon" in refusal({**drive, "lat": drive["y"]}, places={"lat": Column("lat")}).rule
+
+
+def test_a_measured_steering_angle_is_compared_with_that_of_the_wheel(log_of):
+    """It ended in a traceback, of a car as of a base, which steers none."""
+    car = agvjax.Ackermann()
+    state = dataclasses.replace(car.start(agvjax.Start()), reached=np.array([0.5, -0.2]))
+    still = dict.fromkeys(car.actuators, np.zeros(()))
+    np.testing.assert_allclose(channels(car, state, still, ("steering_angle", "speed")), [-0.2, 0.5])
+    sent = driven()
+    angle = np.arctan2(CAR.wheelbase * sent["cmd_w"], sent["cmd_v"])
+    log = log_of(sent | {"steering_angle": angle}, CAR)
+    np.testing.assert_allclose(log.measured["steering_angle"], angle, atol=1e-5)
+    log = log_of(sent | {"steering_angle": angle})
+    assert "steering_angle" not in log.measured and "steering_angle is not used: Base has no wheel" in log.notes[-1]
+    with pytest.raises(agvjax.InputError, match=r"identify.columns.steering_angle = delta: must be left out: Base"):
+        log_of(sent | {"delta": angle}, places={"steering_angle": Column("delta")})

@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import agvjax
+from tuning.config import load
 from tuning.identify import figures, page
 from tuning.identify.conclusion import conclude
-from tuning.identify.coverage import covered
+from tuning.identify.coverage import Covered, beyond, covered
 from tuning.identify.left import GOES, NOTHING, TURNS, Change, Left
 from tuning.identify.log import Log
 from tuning.identify.plain import AT_ONCE, LAGGING, driven, led, plain_models
@@ -236,3 +237,16 @@ def test_what_a_drive_lacks_is_named():
         "commands of right that rise and fall",
     }
     assert page.lacking(told).startswith("It lacks, or has hardly any: drives backwards, drives to the right, ")
+
+
+def test_commands_that_the_assumed_vehicle_cannot_follow_are_said():
+    """A car whose wheel is assumed to stop at 0.4189 rad; a deadzone of 0.0175 rad is no part of the angle."""
+    car = load(["ackermann"]).scenario
+
+    def told(low, high):
+        return beyond(car, Covered({}, [("speed", -3.0, 3.0, 0.0, 9), ("steering_angle", low, high, 0.0, 9)], []))
+
+    assert told(-0.42, 0.44) == []
+    (text,) = told(-0.58, 0.3)
+    assert text.startswith("steering_angle was sent up to -0.58 rad, and the assumed vehicle ends at -0.4189 rad")
+    assert "largest_angle" in text and told(-0.1, 0.47)

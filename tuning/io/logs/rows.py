@@ -13,7 +13,9 @@ from ..headings import unwrapped
 from .recording import CLOCKS, Recording, Stream, longest
 from .roles import Role, Values
 
-TOGETHER = 0.5  # 1: all commands change at the same part of a row's step; 0: at any
+MOVED, CHANCE = 0.02, 3.5  # steps that commands may be moved on average, and deviations of that mean
+LARGE = 0.13  # steps^2, of moves in the mean square; of commands at any time 1/12
+PLACES = 400  # in a step, at which rows may begin
 SHORTEST, MOST_ROWS = 0.002, 5_000_000  # s, a row's step at least; rows
 EARLY = 0.02  # s, by which a stamp may be later than its arrival, of clocks that are kept together
 NOTHING_NAMED: Mapping[str, Column] = {}
@@ -161,13 +163,31 @@ def _changes(own: np.ndarray, values: Values) -> np.ndarray:
 def _phase(changes: Sequence[np.ndarray], begin: int, step: float) -> int:
     """How much later [ns] rows begin so that commands that change in time with them are on average not moved.
 
-    A command begins in a row: one second apart, all of them would be moved by the same part of a step, and a delay that
-    is identified would be off by it.
+    A command begins in a row: one second apart, all of them would be moved by the same part of a step, and each 0.05 s
+    between rows 0.02 s apart half of them by half a step; a delay that is identified would be off by what they are
+    moved on average. Rows stay where that is no more than chance, and the moves no larger than those of commands at
+    any time. Otherwise they begin where the mean square of the moves is least, and so their mean is none.
     """
-    when = np.concatenate([np.zeros(0), *((own - begin) * 1e-9 for own in changes)])
-    mean = complex(np.mean(np.exp(2j * np.pi * when / step))) if when.size else 0j
-    share = np.angle(mean) / (2 * np.pi) % 1.0
-    return round(share * step * 1e9) if abs(mean) > TOGETHER and share < 1 - 1e-6 else 0  # a whole step is none
+    when = np.concatenate([np.zeros(0), *((own - begin) * 1e-9 for own in changes)]) / step
+    moved = _moved(when, 0.0)
+    if (
+        not when.size
+        or moved @ moved < LARGE * when.size
+        and (abs(moved.mean()) < max(MOVED, CHANCE * moved.std() / np.sqrt(when.size)))
+    ):
+        return 0
+    places, middles = np.arange(PLACES) / PLACES, (np.arange(PLACES) + 0.5) / PLACES
+    counts = np.histogram(when % 1.0, PLACES, (0.0, 1.0))[0]
+    share = places[np.argmin([counts @ _moved(middles, place) ** 2 for place in places])]
+    for _ in range(3):
+        share -= _moved(when, share).mean()
+    share %= 1.0
+    return round(share * step * 1e9) if share < 1 - 1e-6 else 0  # a whole step is none
+
+
+def _moved(when: np.ndarray, share: float) -> np.ndarray:
+    """By how many steps commands at `when` steps come to lie later, in rows that begin at a share of a step."""
+    return (share - when + 0.5) % 1.0 - 0.5
 
 
 def _laid(
