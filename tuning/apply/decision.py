@@ -10,6 +10,7 @@ import numpy as np
 from ..config.settings import Apply
 
 SMALL = 1e-9  # of a cost: rounding
+SLIGHT = 1e-3  # of a cost: nobody would notice
 
 
 class Limited(NamedTuple):
@@ -65,6 +66,15 @@ def worse(before: np.ndarray, after: np.ndarray, margin: float) -> np.ndarray:
     return risen | ~np.isfinite(np.asarray(after))
 
 
+def _slight(costs: np.ndarray) -> str:
+    """What to do where vehicles are worse, but none by as much as anybody would notice; empty of others."""
+    before, after = costs
+    most = float(np.max(after / before - 1, initial=0.0)) if np.isfinite(costs).all() and (before > 0).all() else np.inf
+    if not 0 < most < SLIGHT:
+        return ""
+    return f"; by {100 * most:.2g} % at most, which with apply.margin = {SLIGHT} would not count"
+
+
 def decide(costs: np.ndarray, worst: np.ndarray, limits: Sequence[Limited], asked: Apply) -> Decision:
     """The decision.
 
@@ -83,12 +93,13 @@ def decide(costs: np.ndarray, worst: np.ndarray, limits: Sequence[Limited], aske
         reasons.append(
             f"on {bad} of {count} vehicles that the log leaves possible the new gains are worse{by}: that they are not"
             f" on {asked.share:.0%} of all is not shown ({least:.1%} at least, with {asked.confidence:.0%} confidence)"
+            f"{_slight(costs)}"
         )
     lost = int((~np.isfinite(costs[1])).sum())
     if lost:
         reasons.append(f"{lost} of {count} vehicles diverge with the new gains")
     for before, after in worst.T[worse(worst[0], worst[1], asked.margin)]:
-        how = f"{after / before - 1:.1%} worse{by}" if np.isfinite(after) else "diverging"
+        how = f"{100 * (after / before - 1):.2g} % worse{by}" if np.isfinite(after) else "diverging"
         reasons.append(f"on a worst vehicle that was found the new gains are {how}")
         break
     reasons += [

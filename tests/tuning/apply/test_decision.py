@@ -59,7 +59,12 @@ def test_one_of_fifty_nine_that_is_worse_is_one_too_many():
 
 def test_gains_that_are_worse_where_it_is_worst_are_refused():
     found = decide(BETTER, np.array([[1.5], [1.6]]), [], ASKED)
-    assert not found.accepted and "6.7% worse" in found.reasons[0]
+    assert not found.accepted and "6.7 % worse" in found.reasons[0]
+    costs = np.stack([np.full(59, 2.0), np.full(59, 2.0 + 6e-6)])
+    found = decide(costs, costs[:, :1], [], ASKED)  # by three millionths
+    assert not found.accepted and "; by 0.0003 % at most, which with apply.margin = 0.001 would" in found.reasons[0]
+    assert "0.0003 % worse" in found.reasons[1]
+    assert decide(costs, costs[:, :1], [], Apply(vehicles=59, margin=0.001)).accepted
 
 
 def test_gains_that_diverge_once_are_refused_however_many_do_not():
