@@ -113,6 +113,7 @@ EXPORT = Command(
         option("--name", help="of files, functions and package (default: one for each format)"),
         flag("--evidence", "with c: run checks of the exported code and keep them, see docs/evidence.md"),
     ),
+    "tuned/gains.toml --format c --out mine",
 )
 COMPARE = Command(
     "tune every law to the same command budget and compare them on unseen scenarios",
@@ -169,7 +170,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command")
     for name, command in COMMANDS.items():
         summary = f"{command.help[0].upper()}{command.help[1:]}."
-        more = f"e.g. agvjax {name} {command.example}   What a setting means: agvjax explain KEY"
+        more = f"For example: agvjax {name} {command.example}. What a setting means: agvjax explain KEY."
         sub = commands.add_parser(name, help=command.help, description=summary, epilog=more)
         _with(sub, (*command.common, *command.options))
     return top

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 import agvjax
@@ -57,7 +58,7 @@ def beyond(scenario: agvjax.Scenario, covered: Covered) -> list[str]:
     """Commands that the assumed vehicle cannot follow, as it ends sooner: no fit of the rest makes up for that."""
     plant, said = scenario.plant, []
     for actuator, *ends, _, _ in covered.commands:
-        given = np.asarray(scenario.deadzone[actuator](np.array(ends, float)), float)
+        given = np.asarray(scenario.deadzone[actuator](jnp.array(ends)), float)
         reach = np.array(plant.reach().get(actuator, (-np.inf, np.inf)))
         if np.any(over := np.sign(reach) * (given - reach) > PAST * np.abs(reach)):
             side, unit = int(np.argmax(over)), plant.units.get(actuator, "")

@@ -17,11 +17,12 @@ from agvjax.plants.base import Driven
 
 from ..io import geo
 from ..io import logs as recordings
-from ..io.csv_file import KINDS, LARGEST, UNITS, Column, read, units_like
+from ..io.csv_file import KINDS, LARGEST, UNITS, Column, names, read, units_like
 from ..io.headings import unwrapped
 from ..io.logs.roles import chosen
 from ..io.logs.rows import Rows
 from ..io.logs.rows import table as rows_of
+from ..io.track_names import guessed
 from .log import LEAST_ROWS, MEASURED, POSE, Log, Sent, commands_of, in_files
 from .model import steers
 from .plausible import AS_QUATERNION, implausible
@@ -98,7 +99,8 @@ def load(
         kinds_of = " or ".join(", ".join(t) for t in ([tongue] if tongue else tongues))
         rule = f"a log: a CSV file or a recording with t, {', '.join(pose)} and {kinds_of}, or others named in"
         rule += " [identify.columns]"
-        raise agvjax.InputError([Fault("LOG.csv", str(file), f"{rule} ({error})")]) from error
+        more = "" if recordings.is_recording(file) else _otherwise(file, columns)
+        raise agvjax.InputError([Fault("LOG.csv", str(file), f"{rule} ({error}{more})")]) from error
     if faults := _too_large(values, where):
         raise agvjax.InputError(faults)
     origin, given = float(values["t"][0]), np.column_stack([values[name] for name in tongue])
@@ -181,6 +183,19 @@ def _in_plane(file: str, lat: np.ndarray, lon: np.ndarray) -> dict[str, np.ndarr
     x, y = np.full_like(lat, np.nan), np.full_like(lat, np.nan)
     x[seen], y[seen], _ = geo.plane(file, np.degrees(lat[seen]), np.degrees(lon[seen]))
     return {"x": x, "y": y}
+
+
+def _otherwise(file: str, columns: Mapping[str, Column]) -> str:
+    """What of a CSV file seems to go by another name, as it would be said in [identify.columns]."""
+    try:
+        header = names(file)
+    except ValueError:
+        return ""
+    found = {name: f'"{column.column}"' for name, column in guessed(header).items()}
+    if {"qz", "qw"} <= {*header}:
+        found["heading"] = '{ quaternion = ["qz", "qw"] }'
+    lacks = [name for name in ("t", *POSE) if name in found and name not in header and name not in columns]
+    return f"; perhaps {', '.join(f'{name} = {found[name]}' for name in lacks)}" if lacks else ""
 
 
 def _tongue(tongues: Sequence[tuple[str, ...]], values: Mapping[str, np.ndarray]) -> tuple[str, ...]:

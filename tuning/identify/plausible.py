@@ -188,9 +188,11 @@ ASTRAY += AS_QUATERNION
 PART = f"it is where the column is z of a quaternion: say {AS_QUATERNION}"
 TURNED = {  # other conventions, and what they make of an angle
     "": lambda h: h,
-    "it is where x and y are exchanged, or heading counts clockwise from the y axis": lambda h: np.pi / 2 - h,
-    "it is where heading counts clockwise, or one of x and y has the other sign": lambda h: -h,
-    "it is where x and y, or the heading, are turned by a quarter, 1.5708 rad to one side": lambda h: h + np.pi / 2,
+    'it is where x and y are exchanged (x = "y", y = "x"), or heading counts clockwise from the y axis, as a compass'
+    ' does (x = "y", y = { column = "x", factor = -1 }, and factor = -1 for heading)': lambda h: np.pi / 2 - h,
+    "it is where heading counts clockwise, or one of x and y has the other sign (factor = -1)": lambda h: -h,
+    "it is where x and y, or the heading, are turned by a quarter, 1.5708 rad to one side"
+    ' (x = "y", y = { column = "x", factor = -1 }, or the other way round)': lambda h: h + np.pi / 2,
 }
 SKEW = 0.05  # rad, between where a vehicle looks and where it goes: more is another frame, or a sensor mounted so
 HALF = 3.0  # times closer it comes with twice the angle, to be taken for a part of a quaternion

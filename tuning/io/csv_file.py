@@ -228,7 +228,9 @@ def _increasing(file: str | Path, rows: list[tuple[int, list[str]]], time: str, 
     if back.any():
         at = int(np.argmax(back)) + 1
         now, before = (f"{values[i]:.15g}" for i in (at, at - 1))
-        rule = f"must be above {before}, the time before{same if values[at] == values[at - 1] else ''}"
+        rule = f"must be above {before}, the time before"
+        if now == before:
+            rule = f"must be above the time before, which is the same: leave one of the two rows out{same}"
         raise ValueError(f"{file}, row {rows[at + 1][0]}, column {time}: {now} {rule}")
 
 

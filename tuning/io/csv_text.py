@@ -73,8 +73,11 @@ def _cells(lines: list[tuple[int, str]]) -> list[tuple[int, list[str]]]:
 
 
 def is_word(cell: str) -> bool:
-    """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf."""
-    start = cell.strip().lstrip("_")[:1]
+    """Whether a cell of the first row names a column: it begins with a letter, and is no nan or inf.
+
+    Before that may stand what others write there: `__time`, `%time`, `.pose.position.x`, `/odom/pose/position/x`.
+    """
+    start = cell.strip().lstrip("_%./")[:1]
     return start.isalpha() and cell.strip().lower() not in ("nan", "inf", "infinity")
 
 

@@ -335,7 +335,7 @@ BAD_FILES = {
     "nan": ("t,x\n0,nan\n1,1\n", "row 2, column x: 'nan' must be a finite number"),
     "inf": ("t,x\n0,1\n1,-inf\n", "row 3, column x: '-inf' must be a finite number"),
     "ragged": ("t,x\n0,1\n1\n", "row 3: must have 2 cells like its header; it has 1"),
-    "time": ("t,x\n0,1\n2,1\n\n2,1\n", "row 5, column t: 2 must be above 2, the time before"),
+    "time": ("t,x\n0,1\n2,1\n\n2,1\n", "row 5, column t: 2 must be above the time before, which is the same"),
 }
 
 

@@ -62,7 +62,7 @@ def _stream(topic: str, columns: Mapping[str, np.ndarray]) -> Stream | None:
         return None
     timed = np.logical_and.reduce([np.isfinite(columns[name]) for name in (*of_sent, *of_own)])
     fields = {
-        name.removeprefix("field."): values[timed]
+        name.removeprefix("field.").removeprefix("."): values[timed]
         for name, values in columns.items()
         if name not in (*of_sent, *of_own) and not name.startswith("%")
     }
