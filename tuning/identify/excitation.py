@@ -1,7 +1,7 @@
 """A drive that would tell deadzones best: forth and back and to both sides, its frequencies chosen for what they tell.
 
 Speed and yaw rate are sums of sines around 0, so that the vehicle stays where it is on the whole, uses both sides of
-every actuator, and crosses every level of command. The inputs are what the plant needs for that, its deadzones undone
+every actuator, and crosses every level of command; now and then it stands. The inputs are what the plant needs for that, its deadzones undone
 as far as they are known. Of many such drives the one is taken after which the deadzones would be known best.
 """
 
@@ -30,6 +30,7 @@ from .verdict import Z95, inverse
 SINES = 3  # in speed and in yaw rate
 SLOWEST, FASTEST = 0.3, 3.0  # rad/s
 LEAST, RISE = 0.3, 2.0  # of a sine's weight beside the others; s, from rest
+EVERY, REST, EASE = 10.0, 2.0, 0.5  # s: from rest to rest, at rest, and of coming to rest and setting off
 FAR = 1e12  # of what is worth nothing
 SHARES = (0.5, 1.0)  # of the allowed speed and yaw rate that a candidate may use
 
@@ -123,6 +124,8 @@ def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple
     first, second = share.reshape(2, -1)
     v, a = _sines(t, first, room.speed)
     w, alpha = _sines(t, second, room.yaw_rate)
+    moves, rate = _moving(t)
+    v, a, w, alpha = moves * v, moves * a + rate * v, moves * w, moves * alpha + rate * w
     needed = scenario.plant.needs(motion(t, v, w, a, alpha))
     columns = []
     for name, limit in zip(scenario.plant.actuators, room.limits, strict=True):
@@ -130,7 +133,7 @@ def candidate(scenario: agvjax.Scenario, room: Room, share: np.ndarray) -> tuple
         d = np.asarray(needed[name], float)
         right = d / float(dead["slope_right"]) + float(dead["threshold_right"])
         left = d / float(dead["slope_left"]) - float(dead["threshold_left"])
-        columns.append(np.clip(np.where(d > 0, right, left), -limit, limit))
+        columns.append(np.clip(np.where(d > 0, right, np.where(d < 0, left, 0.0)), -limit, limit))
     return t, np.column_stack(columns)
 
 
@@ -147,6 +150,17 @@ def motion(t: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray, alpha: np
         heading_rate=jnp.asarray(w),
     )
     return agvjax.Motion(v, w, a, alpha, asked)
+
+
+def _moving(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1 while it moves and 0 while it stands, and the derivative; a rest ends every `EVERY` seconds.
+
+    What moves all the while does not tell a drift from thresholds that differ from side to side.
+    """
+    left = t - EVERY * np.floor(t / EVERY) - (EVERY - REST)  # since the rest began [s]
+    ease = np.clip(np.minimum(-left, left + EVERY - REST) / EASE, 0, 1) * np.pi
+    rate = np.where(left < -(EVERY - REST) / 2, 1.0, -1.0) * np.sin(ease) * np.pi / (2 * EASE)
+    return (1 - np.cos(ease)) / 2, np.where((ease > 0) & (ease < np.pi), rate, 0.0)
 
 
 def _sines(t: np.ndarray, share: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:

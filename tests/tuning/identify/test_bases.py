@@ -11,6 +11,7 @@ from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.load import resolve
 from tuning.identify.excitation import Room, candidate
+from tuning.identify.run import first_drive
 from tuning.identify.fit import fit
 from tuning.identify.log import Log
 from tuning.identify.parameters import named, parameters, prepared
@@ -195,6 +196,17 @@ def test_a_drive_for_a_base_is_sent_what_its_deadzones_leave_of_a_twist():
     v, w = (left + right) / 2, (right - left) / 0.5
     assert 0.24 < np.abs(v).max() < 0.5 + 1e-9 and 0.49 < np.abs(w).max() < 1.0 + 1e-9
     assert v.min() < 0 < v.max() and w.min() < 0 < w.max() and abs(v[0]) < 1e-9
+    t = 0.05 * np.arange(len(u))
+    assert (u[(t % 10 > 8 - 1e-6) | (t % 10 < 1e-6)] == 0).all() and (np.abs(u[(t > 3) & (t < 7)]) > 0.06).all()
+
+
+@pytest.mark.slow
+def test_a_drive_that_is_suggested_for_a_base_tells_thresholds_and_drift():
+    """Both would be unknown of a base that never stands: left and right thresholds and a drift look alike."""
+    expected = first_drive(resolve({"scenario": {"plant": "base"}, "identify": {"drives": 4}})).expected
+    for side in ("left.threshold_right", "left.threshold_left", "right.threshold_right", "right.threshold_left"):
+        assert expected[f"deadzone.{side}"] < 0.05 * 0.06
+    assert expected["plant.drift"] < 0.01
 
 
 @pytest.mark.slow
