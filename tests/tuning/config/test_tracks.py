@@ -120,7 +120,9 @@ def test_times_that_are_none_are_left_unread_unless_asked_for(tmp_path):
     file = written(tmp_path, "t,x,y", np.column_stack([np.zeros(20), BEND]))
     config, said = track(file)
     assert np.all(config.scenario.path.points[:, 2] == 1)
-    assert said[0].startswith(f"its times are not read: {file}, row 3, column t: 0 must be above the time before, which")
+    assert said[0].startswith(
+        f"its times are not read: {file}, row 3, column t: 0 must be above the time before, which"
+    )
     assert "t not read; no column speed" in said[1]
     with pytest.raises(InputError, match="0 must be above the time before, which is the same"):
         track(file, columns='{ t = "t" }')

@@ -11,11 +11,11 @@ from tuning import config as configuration
 from tuning.cli.main import main
 from tuning.config.load import resolve
 from tuning.identify.excitation import Room, candidate
-from tuning.identify.run import first_drive
 from tuning.identify.fit import fit
 from tuning.identify.log import Log
 from tuning.identify.parameters import named, parameters, prepared
 from tuning.identify.rules import faults
+from tuning.identify.run import first_drive
 from tuning.identify.task import task
 
 STEP = 0.02
