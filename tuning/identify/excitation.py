@@ -1,8 +1,9 @@
 """A drive that would tell deadzones best: forth and back and to both sides, its frequencies chosen for what they tell.
 
 Speed and yaw rate are sums of sines around 0, so that the vehicle stays where it is on the whole, uses both sides of
-every actuator, and crosses every level of command; now and then it stands. The inputs are what the plant needs for that, its deadzones undone
-as far as they are known. Of many such drives the one is taken after which the deadzones would be known best.
+every actuator, and crosses every level of command; now and then it stands. The inputs are what the plant needs for
+that, its deadzones undone as far as they are known. Of many such drives the one is taken after which the deadzones
+would be known best.
 """
 
 from __future__ import annotations
