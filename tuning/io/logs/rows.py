@@ -169,12 +169,11 @@ def _phase(changes: Sequence[np.ndarray], begin: int, step: float) -> int:
     any time. Otherwise they begin where the mean square of the moves is least, and so their mean is none.
     """
     when = np.concatenate([np.zeros(0), *((own - begin) * 1e-9 for own in changes)]) / step
+    if not when.size:
+        return 0
     moved = _moved(when, 0.0)
-    if (
-        not when.size
-        or moved @ moved < LARGE * when.size
-        and (abs(moved.mean()) < max(MOVED, CHANCE * moved.std() / np.sqrt(when.size)))
-    ):
+    by_chance = abs(moved.mean()) < max(MOVED, CHANCE * moved.std() / np.sqrt(when.size))
+    if by_chance and np.mean(moved**2) < LARGE:
         return 0
     places, middles = np.arange(PLACES) / PLACES, (np.arange(PLACES) + 0.5) / PLACES
     counts = np.histogram(when % 1.0, PLACES, (0.0, 1.0))[0]
