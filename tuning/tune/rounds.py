@@ -285,7 +285,7 @@ def _known(problem: TuningProblem, run: Run, reason: str) -> tuple[Run, str]:
         tried = f"no gradient was usable from any of {len(run.searches)} starting points"
         stopped = f"{tried}: these are the best of {run.screened.looked} gain sets; tune.optimizer = cma needs none"
     leader = run.lead._replace(best_z=z, best=(float(excess), float(goal)))
-    return run._replace(searches=(leader, *(p for p in run.searches if p is not run.lead))), stopped
+    return run._replace(searches=tuple(leader if p is run.lead else p for p in run.searches)), stopped
 
 
 def _again(before: Outcome) -> tuple[TuningProblem, Run]:
